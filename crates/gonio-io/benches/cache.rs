@@ -1,5 +1,5 @@
-//! Speed of the cache: a plan that is found there must cost next to nothing against the seconds
-//! that it took to build.
+//! Speed of the cache. Loading a plan must take far less time than building it, which takes
+//! seconds.
 //!
 //! `cargo bench -p gonio-io`.
 
@@ -32,24 +32,23 @@ fn plan() -> Plan {
     }
 }
 
-/// The cache, kept for as long as its folder, and the size of its one entry.
+/// Returns a cache with one entry, its temporary folder, and the size of the entry in bytes.
 fn filled() -> (tempfile::TempDir, Cache, usize) {
     let dir = tempfile::tempdir().expect("there is a folder for temporary files");
     let cache = Cache::at(dir.path());
     let bytes = encode_plan(&plan());
-    cache.store(KEY, &bytes).expect("the folder takes 70 MB");
+    cache.store(KEY, &bytes).expect("the folder has room for 70 MB");
     (dir, cache, bytes.len())
 }
 
-/// Reading and checking the bytes.
+/// Reads and checks the bytes.
 #[divan::bench(sample_count = 20, sample_size = 1)]
 fn load(bencher: Bencher<'_, '_>) {
     let (_dir, cache, bytes) = filled();
     bencher.counter(BytesCount::new(bytes)).bench_local(|| cache.load(black_box(KEY)).expect("the entry is there"));
 }
 
-/// The same, and the plan made of them: all that stands between a photograph and its inference at
-/// the second time.
+/// Reads and checks the bytes and decodes the plan, as a second run does before its inference.
 #[divan::bench(sample_count = 20, sample_size = 1)]
 fn load_and_decode(bencher: Bencher<'_, '_>) {
     let (_dir, cache, bytes) = filled();
@@ -59,12 +58,12 @@ fn load_and_decode(bencher: Bencher<'_, '_>) {
     });
 }
 
-/// Writing an entry in place of another.
+/// Replaces an entry.
 #[divan::bench(sample_count = 10, sample_size = 1)]
 fn store(bencher: Bencher<'_, '_>) {
     let (_dir, cache, bytes) = filled();
     let content = encode_plan(&plan());
     bencher
         .counter(BytesCount::new(bytes))
-        .bench_local(|| cache.store(black_box(KEY), &content).expect("the folder takes 70 MB"));
+        .bench_local(|| cache.store(black_box(KEY), &content).expect("the folder has room for 70 MB"));
 }

@@ -81,7 +81,7 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_fit_is_refused() {
+    fn rejects_inconsistent_sets() {
         for (names, shape, poison, kind, says) in [
             ("a\n", [2, 90, 90, 3], None, Kind::Invalid, "(1, 90, 90, 3)"),
             ("a\nb\n", [2, 90, 89, 3], None, Kind::Invalid, "shape"),

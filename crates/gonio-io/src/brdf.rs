@@ -1,4 +1,4 @@
-//! Measured BRDFs in any of the formats read here.
+//! Measured BRDFs in any supported format.
 
 use std::io::{BufReader, Cursor, Read};
 use std::path::{Path, PathBuf};
@@ -10,8 +10,8 @@ use crate::rgl::{self, MAGIC};
 use crate::{Error, guard, merl};
 
 /// Reads a material from a file of the MERL database (`.binary`) or of the RGL database
-/// (`_rgb.bsdf`), recognised by their first bytes. Measurements of the latter are resampled to the
-/// angles of the former ([`rgl::Rgl::to_merl`]).
+/// (`_rgb.bsdf`), recognised by the first bytes. RGL measurements are resampled to the angles of
+/// MERL ([`rgl::Rgl::to_merl`]).
 ///
 /// # Errors
 /// See [`merl::read`] and [`rgl::read`].

@@ -15,8 +15,8 @@ use etcetera::BaseStrategy;
 
 use crate::Error;
 
-/// Environment variable that names the cache folder instead of the platform's; set but empty it
-/// turns the cache off.
+/// Environment variable with the cache folder, which replaces the platform's. An empty value
+/// disables the cache.
 pub const DIR_VARIABLE: &str = "GONIO_CACHE_DIR";
 /// Default budget in bytes: 2 GiB.
 pub const DEFAULT_BUDGET: u64 = 2 << 30;
@@ -30,7 +30,7 @@ const UNFINISHED: &str = ".gonio-";
 /// Age above which an unfinished file belongs to no running process.
 const STALE: Duration = Duration::from_secs(3600);
 
-/// A folder of entries.
+/// A cache folder with a size budget.
 #[derive(Clone, Debug)]
 pub struct Cache {
     dir: PathBuf,
@@ -80,7 +80,7 @@ impl Cache {
             }
             Err(_) => return None,
         };
-        // Marks the entry as recently used; without the right to do so it counts as old.
+        // Marks the entry as recently used. Without write permission, the entry keeps its old time.
         let _ = file.set_modified(SystemTime::now());
         Some(content)
     }
@@ -159,7 +159,7 @@ fn header(content: &[u8]) -> Vec<u8> {
     header
 }
 
-/// Hashes on all cores: the hash takes half the time of loading.
+/// Computes the hash on all cores, because hashing takes half the time of loading.
 fn hash(content: &[u8]) -> blake3::Hash {
     blake3::Hasher::new().update_rayon(content).finalize()
 }
@@ -178,8 +178,8 @@ fn read_entry(file: &mut File) -> std::io::Result<Option<Vec<u8>>> {
         return Ok(None);
     }
     let mut content = Vec::new();
-    // The length is the file's own, so this asks for no more than is there; running out of memory
-    // is still not a reason to abort.
+    // The length is that of the file, so this allocates no more than the file holds. Running out of
+    // memory must not abort the process.
     if content.try_reserve_exact(usize::try_from(content_length).unwrap_or(usize::MAX)).is_err() {
         return Err(std::io::ErrorKind::OutOfMemory.into());
     }
@@ -202,7 +202,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_stored_comes_back() {
+    fn stored_entries_can_be_loaded() {
         let (_dir, cache) = cache();
         for (key, n) in [("a-b_9", 100_000), ("empty", 0), ("odd key/../\u{e9}", 3), ("a-b_9", 5)] {
             assert!(cache.load("never stored").is_none());
@@ -213,7 +213,7 @@ mod tests {
     }
 
     #[test]
-    fn damage_is_noticed_and_removed() {
+    fn damaged_entries_are_detected_and_removed() {
         let (_dir, cache) = cache();
         cache.store("k", &content(1000)).unwrap();
         let path = cache.entry("k");
@@ -237,7 +237,7 @@ mod tests {
     }
 
     #[test]
-    fn readers_never_see_half_an_entry() {
+    fn readers_never_get_a_partial_entry() {
         let (_dir, cache) = cache();
         let versions = [content(300_000), vec![7; 200_000]];
         cache.store("k", &versions[0]).unwrap();
@@ -258,7 +258,7 @@ mod tests {
     }
 
     #[test]
-    fn the_budget_drops_what_was_unused_longest() {
+    fn least_recently_used_entries_are_removed_first() {
         let (_dir, cache) = cache();
         let cache = cache.with_budget(2500);
         let age = |key: &str, seconds| {
@@ -289,7 +289,7 @@ mod tests {
     }
 
     #[test]
-    fn folders_that_cannot_be_made_are_errors() {
+    fn folders_that_cannot_be_created_are_errors() {
         let dir = tempfile::tempdir().unwrap();
         let file = dir.path().join("file");
         fs::write(&file, "").unwrap();
@@ -299,7 +299,7 @@ mod tests {
     }
 
     #[test]
-    fn the_variable_decides_where_the_cache_is() {
+    fn the_variable_sets_the_cache_folder() {
         assert!(Cache::user_or(Some("".into())).is_none());
         assert_eq!(Cache::user_or(Some("/x".into())).unwrap().dir(), Path::new("/x"));
         if let Some(cache) = Cache::user_or(None) {

@@ -14,7 +14,7 @@ const LONGEST_PROBLEM: usize = 500;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[non_exhaustive]
 pub enum Kind {
-    /// The operating system refused to open, read or write; [`Error::io_kind`] says why.
+    /// The operating system refused to open, read or write; [`Error::io_kind`] returns the reason.
     Io,
     /// The format, or a feature of it, is not supported.
     Unsupported,
@@ -38,8 +38,8 @@ struct Inner {
     problem: String,
     advice: String,
     remedy: Option<Remedy>,
-    /// Error of the operating system; its text is already part of `problem`, so it is not repeated
-    /// as the `source` of a chain of errors.
+    /// Error of the operating system. `problem` contains its text, so [`std::error::Error::source`]
+    /// does not return it.
     os: Option<io::Error>,
 }
 
@@ -128,8 +128,8 @@ impl fmt::Display for Inner {
     }
 }
 
-/// Writes a text as one line: names of files and messages of third parties may hold line breaks and
-/// other control characters, which would forge lines of output.
+/// Writes a text as one line: file names and third-party messages may contain line breaks and other
+/// control characters, which would forge lines of output.
 fn one_line(text: &str, f: &mut fmt::Formatter<'_>) -> fmt::Result {
     text.chars().try_for_each(|c| match c {
         '\n' | '\r' | '\t' => f.write_str(" "),

@@ -57,7 +57,7 @@ pub fn read_fits(path: impl AsRef<Path>) -> Result<Vec<(String, Fit)>, Error> {
     decode(path, &guard::read_whole(path, 1 << 24)?)
 }
 
-/// Parses the content of a `.fit` file; `path` serves the messages only.
+/// Parses the content of a `.fit` file; `path` is only used in error messages.
 ///
 /// # Errors
 /// Like [`read_fits`].

@@ -28,7 +28,7 @@ pub(crate) fn has_extension(path: &Path, extensions: &[&str]) -> bool {
 }
 
 /// Lists the measured materials of a folder: files with one of some extensions, and their names
-/// without it.
+/// without the extension.
 pub(crate) fn materials(dir: &Path, extensions: &[&str]) -> Result<Vec<(String, PathBuf)>, Error> {
     let named =
         |path: PathBuf| path.file_stem().map(|name| name.to_string_lossy().into_owned()).zip(Some(path.clone()));

@@ -20,42 +20,44 @@ use gonio::remedy::Remedy;
 use crate::picture::{self, Decoded, Encoding, Format, ReadOptions, Selection};
 use crate::{Error, guard, npy};
 
-/// Magnitude from which on a number marks a pixel without surface.
+/// Numbers of at least this magnitude mark pixels without a surface.
 const NOTHING: f64 = 1e9;
 
 /// Options for reading a depth map.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct DepthOptions {
-    /// Depths that the codes 0 and 1 of an integer picture stand for, in either order. No effect on
-    /// float files.
+    /// Depths of the codes 0 and 1 of an integer picture, in either order. No effect on float
+    /// files.
     pub range: Option<(f64, f64)>,
-    /// Limits.
+    /// Limits on the input.
     pub read: ReadOptions,
 }
 
-/// The depth that a number stands for: `None`, no surface, if it is zero, not finite or huge.
+/// Returns the depth of a stored number: `None` (no surface) if it is zero, not finite or huge.
 pub fn depth_of(value: f64) -> Option<f64> {
     Some(value).filter(|d| d.is_finite() && *d != 0.0 && d.abs() < NOTHING)
 }
 
-/// The place that three numbers stand for: `None`, no surface, if they are zero, not finite or
-/// huge.
+/// Returns the position of three stored numbers: `None` (no surface) if they are zero, not finite
+/// or huge.
 pub fn place_of(value: DVec3) -> Option<DVec3> {
     Some(value).filter(|p| p.is_finite() && *p != DVec3::ZERO && p.abs().max_element() < NOTHING)
 }
 
-/// Reads depths, in the unit of the file; only the caller knows whether they are along the axis of
-/// the camera or along each ray. `None` without surface.
+/// Reads a depth map in the unit of the file; `None` marks pixels without a surface.
+///
+/// The file does not state whether depths are measured along the axis of the camera or along each
+/// ray.
 ///
 /// # Errors
-/// If the file cannot be read, is damaged, is in a format that holds no depths, holds integers
-/// without a range or of 8 bits, has no surface at all, or has too many pixels.
+/// If the file cannot be read, is damaged, has a format that cannot store depths, stores integers
+/// of 8 bits or without a range, has no surface at all, or has too many pixels.
 pub fn read_depth(path: impl AsRef<Path>, options: &DepthOptions) -> Result<Plane<Option<f64>>, Error> {
     let path = path.as_ref();
     decode_depth(path, &guard::read_whole(path, options.read.max_bytes())?, options)
 }
 
-/// Decodes depths held in memory; `path` serves the messages only.
+/// Decodes depths held in memory; `path` is only used in error messages.
 ///
 /// # Errors
 /// Like [`read_depth`].
@@ -86,7 +88,7 @@ pub fn decode_depth(path: &Path, bytes: &[u8], options: &DepthOptions) -> Result
                     coded(path, &decoded, options.range)?
                 }
             }
-            // Radiance, JPEG and, with that feature, raw files.
+            // Radiance, JPEG and, with the feature `raw`, raw files.
             _ => {
                 let advice = "use EXR, NPY or 16-bit PNG";
                 return Err(Error::unsupported(path, "has a format with too few depth levels", advice));
@@ -103,11 +105,11 @@ pub fn decode_depth(path: &Path, bytes: &[u8], options: &DepthOptions) -> Result
     Ok(depths)
 }
 
-/// Reads the position that each pixel sees, in whatever frame and unit the file has. `None` without
-/// surface: where a position is not finite, huge, or exactly at the origin.
+/// Reads a position map in the frame and unit of the file; `None` marks pixels without a surface:
+/// positions that are not finite, huge, or exactly at the origin.
 ///
 /// # Errors
-/// If the file cannot be read, is damaged, is in a format that holds no positions, has no surface
+/// If the file cannot be read, is damaged, has a format that cannot store positions, has no surface
 /// at all, or has too many pixels.
 pub fn read_positions(path: impl AsRef<Path>) -> Result<Plane<Option<DVec3>>, Error> {
     let path = path.as_ref();
@@ -115,7 +117,7 @@ pub fn read_positions(path: impl AsRef<Path>) -> Result<Plane<Option<DVec3>>, Er
     decode_positions(path, &guard::read_whole(path, options.max_bytes())?, &options)
 }
 
-/// Decodes positions held in memory; `path` serves the messages only.
+/// Decodes positions held in memory; `path` is only used in error messages.
 ///
 /// # Errors
 /// Like [`read_positions`].
@@ -163,7 +165,7 @@ pub fn decode_positions(path: &Path, bytes: &[u8], options: &ReadOptions) -> Res
     Ok(places)
 }
 
-/// Selects a channel named for depths, first those of a pass named for depths.
+/// Selects a channel with a depth name, preferably of a depth pass.
 fn select_depth(path: &Path, headers: &[Header]) -> Result<Selection, Error> {
     let mut found: Option<(u32, Selection)> = None;
     for group in picture::groups(headers) {
@@ -173,7 +175,7 @@ fn select_depth(path: &Path, headers: &[Header]) -> Result<Selection, Error> {
             // The Z of a pass of normals or positions is not a depth.
             _ => 10,
         };
-        // Colours are depths only in a pass of their own, or in a grey file.
+        // Colour channels store depths only in a depth pass or in a grey file.
         for (name, rank) in [("depth", 0), ("z", 2), ("v", 2), ("distance", 0), ("d", 2), ("y", 4), ("r", 6)] {
             let vector = name == "z" && group.select(&["x"]).is_some() || name == "r" && pass != 0;
             if let Some(selection) = group.select(&[name])
@@ -211,7 +213,7 @@ fn select_places(path: &Path, headers: &[Header]) -> Result<Selection, Error> {
     found.map(|f| f.1).ok_or_else(|| Error::unsupported(path, "has no position channels (X, Y, Z or R, G, B)", advice))
 }
 
-/// Returns the one value of each pixel of a picture without colour.
+/// Returns one value per pixel of a grey picture.
 fn grey(path: &Path, decoded: &Decoded) -> Result<Plane<f32>, Error> {
     let rgb = &decoded.picture.rgb;
     let same = |a: f32, b: f32| a == b || (a.is_nan() && b.is_nan());
@@ -270,7 +272,7 @@ mod tests {
     }
 
     #[test]
-    fn depths_of_float_files() {
+    fn reads_depths_of_float_files() {
         let other = [9.0; 6];
         for channels in [
             &[("Z", &DEPTHS[..])][..],
@@ -296,7 +298,7 @@ mod tests {
     }
 
     #[test]
-    fn depths_of_integer_files() {
+    fn reads_depths_of_integer_files() {
         let codes = [0_u16, 1, 16384, 32768, 65534, 65535];
         let image = image::ImageBuffer::<image::Luma<u16>, _>::from_vec(3, 2, codes.to_vec()).unwrap();
         for format in [image::ImageFormat::Png, image::ImageFormat::Tiff] {
@@ -321,7 +323,7 @@ mod tests {
     }
 
     #[test]
-    fn places_of_float_files() {
+    fn reads_positions_of_float_files() {
         let (x, y, z) = ([1.0, 0.0, f32::NAN, 0.0, 1e10, 2.0], [0.0; 6], [0.0, 0.0, 1.0, -1.0, 0.0, 3.0]);
         let want = [Some(DVec3::X), None, None, Some(DVec3::NEG_Z), None, Some(DVec3::new(2.0, 0.0, 3.0))];
         let other = [9.0; 6];
@@ -346,7 +348,7 @@ mod tests {
     }
 
     #[test]
-    fn what_holds_no_geometry_is_refused() {
+    fn rejects_files_without_geometry() {
         let other = [9.0; 6];
         for (bytes, kind) in [
             (exr(&[("R", &other), ("G", &other), ("B", &other)]), Kind::Unsupported),

@@ -1,4 +1,4 @@
-//! Guards against untrusted files: size limits on whole files, and panics of third parties'
+//! Guards against untrusted files: limits on file sizes, and capture of panics in third-party
 //! decoders.
 
 use std::fs::File;
@@ -18,8 +18,7 @@ pub(crate) fn open(path: &Path) -> Result<(File, u64), Error> {
     Ok((file, meta.len()))
 }
 
-/// Reads the whole of a file of at most `max` bytes. Nothing is allocated for a file that says it
-/// is longer.
+/// Reads a whole file of at most `max` bytes. A longer file is rejected before any allocation.
 pub(crate) fn read_whole(path: &Path, max: u64) -> Result<Vec<u8>, Error> {
     let (file, length) = open(path)?;
     let too_long =
@@ -39,7 +38,7 @@ pub(crate) fn read_whole(path: &Path, max: u64) -> Result<Vec<u8>, Error> {
     Ok(bytes)
 }
 
-/// Reads all of a stream of at most `max` bytes, which messages call `name`.
+/// Reads a whole stream of at most `max` bytes; `name` is its name in error messages.
 pub(crate) fn read_stream(name: &Path, stream: impl Read, max: u64) -> Result<Vec<u8>, Error> {
     let mut bytes = Vec::new();
     stream.take(max.saturating_add(1)).read_to_end(&mut bytes).map_err(|e| Error::io(name, "read", e))?;
@@ -56,10 +55,10 @@ pub(crate) fn read_stream(name: &Path, stream: impl Read, max: u64) -> Result<Ve
     Ok(bytes)
 }
 
-/// Runs the decoder of a third party and turns its panic, which only a damaged file causes, into an
+/// Runs a third-party decoder and converts its panic, which only a damaged file causes, into an
 /// error.
 pub(crate) fn catching<T>(path: &Path, format: &str, decode: impl FnOnce() -> Result<T, Error>) -> Result<T, Error> {
-    // Unwinding drops everything that the decoder held, so no broken state can be seen afterwards.
+    // Unwinding drops everything that the decoder held, so no inconsistent state remains.
     catch_unwind(AssertUnwindSafe(decode))
         .unwrap_or_else(|_| Err(Error::damaged(path, format!("is inconsistent as {format}"))))
 }

@@ -7,20 +7,20 @@
 //! * [`mesh`]: triangle meshes (OBJ, PLY, glTF);
 //! * [`colour_space`]: named colour spaces and the matrices between them;
 //! * [`camera`]: cameras and poses (`docs/camera.md`);
-//! * [`brdf`]: measured BRDFs, of [`merl`] and [`rgl`]; [`bivariate`], [`fits`]: sets of them and
-//!   published fits;
-//! * [`model`]: trained models and their halves (`docs/model-format.md`);
+//! * [`brdf`]: measured BRDFs in the formats of [`merl`] and [`rgl`]; [`bivariate`]: sets of
+//!   bivariate tables; [`fits`]: published fits of parametric models;
+//! * [`model`]: trained models and their parts (`docs/model-format.md`);
 //! * [`lights`]: lists of directional lights;
-//! * [`posterior`]: what a photograph says of a material, to be combined;
-//! * [`notes`]: numbers by name, of a folder of results; [`table`]: tables with commas;
+//! * [`posterior`]: posteriors of single photographs, to be combined;
+//! * [`notes`]: JSON files of result folders; [`table`]: comma-separated tables;
 //! * [`npy`]: arrays of numpy;
 //! * [`folder`]: listing of folders; [`atomic`]: output that appears complete or not at all;
 //! * [`cache`], [`plan`]: computed plans kept between runs.
 //!
-//! Invariants: no input makes this crate panic; sizes are checked before memory is taken for them;
-//! an [`Error`] always names the file, the problem and a way out, on one line; this crate never
-//! prints anything (a third party's decoder that panics on a damaged file is caught, but the panic
-//! hook has written its message by then).
+//! Invariants: no input makes this crate panic; sizes are checked before memory is allocated; an
+//! [`Error`] always names the file, the problem and the remedy, on one line; this crate never
+//! prints anything (it catches panics of third-party decoders on damaged files, but the panic hook
+//! has printed its message by then).
 
 #![deny(clippy::print_stdout, clippy::print_stderr)]
 

@@ -1,5 +1,7 @@
-//! Lists of directional lights: text, a line `x y z r g b` for each, a direction towards the light
-//! in camera space and its irradiance. Lines that begin with `#` are comments.
+//! Lists of directional lights.
+//!
+//! A text file has a line `x y z r g b` for each light: the direction towards the light in camera
+//! space, and its irradiance. Lines that begin with `#` are comments.
 
 use std::path::Path;
 
@@ -21,7 +23,7 @@ pub fn read_lights(path: impl AsRef<Path>) -> Result<Vec<(DVec3, Vec3)>, Error> 
     decode_lights(path, &bytes)
 }
 
-/// Decodes a list of lights. `path` is its name in messages.
+/// Decodes a list of lights. `path` is only used in error messages.
 ///
 /// # Errors
 /// As [`read_lights`].
@@ -63,7 +65,7 @@ mod tests {
     }
 
     #[test]
-    fn a_bad_line_is_named() {
+    fn errors_name_the_line() {
         for bad in ["1 2 3", "0 0 0 1 1 1", "0 0 1 -1 1 1", "0 0 1 nan 1 1", "a b c d e f"] {
             let text = format!("0 0 1 1 1 1\n{bad}\n");
             let error = decode_lights(Path::new("lights.txt"), text.as_bytes()).unwrap_err().to_string();

@@ -2,8 +2,8 @@
 //!
 //! A file holds three little-endian 32-bit integers, 90 90 180, then three channels of 90 x 90 x
 //! 180 doubles with `theta_h` slowest and `phi_d` fastest. A value times 1, 1.15 or 1.66 (red,
-//! green, blue) over 1500 is in 1/sr; a negative one marks a missing value, as below the horizon
-//! and, in the original files, at a few other places.
+//! green, blue) over 1500 is in 1/sr; a negative value marks a missing one: below the horizon and,
+//! in the original files, in a few other cells.
 
 use std::io::{BufReader, Read};
 use std::path::{Path, PathBuf};
@@ -26,15 +26,15 @@ const RUN: usize = PHI_D * 8;
 /// Reads a material. Values become 32-bit floats in 1/sr, missing ones -1.
 ///
 /// # Errors
-/// If the file cannot be read, has other dimensions or another length than 90 x 90 x 180 samples
-/// need, or holds values that are not finite.
+/// If the file cannot be read, has dimensions other than 90 x 90 x 180 or a wrong length, or
+/// contains values that are not finite.
 pub fn read(path: impl AsRef<Path>) -> Result<MerlTable, Error> {
     let path = path.as_ref();
     let (file, length) = guard::open(path)?;
     decode(path, BufReader::with_capacity(1 << 18, file), length)
 }
 
-/// Reads a material from a stream of `length` bytes; `path` serves the messages only.
+/// Reads a material from a stream of `length` bytes; `path` is only used in error messages.
 ///
 /// # Errors
 /// Like [`read`].
@@ -76,7 +76,7 @@ pub fn decode(path: &Path, mut from: impl Read, length: u64) -> Result<MerlTable
     Ok(MerlTable::from_channels(channels))
 }
 
-/// Number of values that are not finite, and the place of the first one.
+/// Number of values that are not finite, and the channel and index of the first one.
 #[derive(Default)]
 struct Bad {
     count: usize,
@@ -125,7 +125,7 @@ pub fn encode(table: &MerlTable) -> Vec<u8> {
 /// Writes a material.
 ///
 /// # Errors
-/// If the file cannot be written; nothing is left behind then.
+/// If the file cannot be written; no partial file is left then.
 pub fn write(path: impl AsRef<Path>, table: &MerlTable) -> Result<(), Error> {
     atomic::write_file(path, &encode(table))
 }
@@ -172,7 +172,7 @@ mod tests {
     }
 
     #[test]
-    fn scales_and_missing_values() {
+    fn applies_scales_and_marks_missing_values() {
         let mut bytes = encode(&table());
         let mut put = |at: usize, v: f64| bytes[HEADER + 8 * at..][..8].copy_from_slice(&v.to_le_bytes());
         put(0, 1500.0);

@@ -1,15 +1,15 @@
 //! Normal maps: one direction for each pixel of the photograph, zero where there is no surface.
 //!
-//! Axes are those of the camera: x right, y up, z towards the camera; nothing is flipped or turned
-//! here. Formats:
+//! Axes are those of the camera: x right, y up, z towards the camera; this module does not flip or
+//! rotate normals. Formats:
 //! * OpenEXR with float channels `X Y Z` or `R G B`, plain or of a pass such as `Normal.X`; PFM;
 //! * NPY of shape (height, width, 3), row 0 at the top;
-//! * PNG, TIFF and JPEG with the usual code, `n = 2 v - 1` for `v` in 0..=1; float TIFF as plain
-//!   components.
+//! * PNG, TIFF and JPEG with the usual encoding, `n = 2 v - 1` for `v` in 0..=1; float TIFF with
+//!   plain components.
 //!
-//! Floats in the code of integers are recognised by their lengths. Normals of lengths from 0.5 to
-//! 1.3 become unit vectors; whether the others may be left out, and whether normals face the
-//! camera, is left to the caller.
+//! Float files in the encoding of integers are recognised by the lengths of their normals. Normals
+//! of lengths from 0.5 to 1.3 become unit vectors. The caller decides how to treat the others and
+//! normals that face away from the camera.
 
 use std::path::Path;
 
@@ -19,19 +19,19 @@ use gonio::picture::Plane;
 use crate::picture::{self, Decoded, Encoding, Format, ReadOptions, Selection};
 use crate::{Error, guard, npy};
 
-/// Lengths of normals that become unit vectors: means of a finer map are shorter, and losses of
-/// JPEG change lengths.
+/// Lengths of normals that become unit vectors. Averages of a finer map are shorter than one, and
+/// JPEG compression changes lengths.
 const RENORMALISED: std::ops::RangeInclusive<f32> = 0.5..=1.3;
-/// Largest deviation from 1 of the length of a normal in its own code.
+/// Largest deviation from 1 of the length of a correctly decoded normal.
 const UNIT_SLACK: f32 = 0.02;
 /// Length below which an integer code stands for zero, which no integer represents exactly.
 const CODED_ZERO: f32 = 0.05;
 
-/// Reads a normal map. Pixels without surface (zero, not-a-number; black, mid-grey or transparent
-/// where integers code the normals) are [`Vec3::ZERO`].
+/// Reads a normal map. Pixels without a surface (zero or NaN; in integer files black, mid-grey or
+/// transparent) are [`Vec3::ZERO`].
 ///
 /// # Errors
-/// If the file cannot be read, is damaged, is in a format that holds no normals, or has too many
+/// If the file cannot be read, is damaged, has a format that cannot store normals, or has too many
 /// pixels (2^27).
 pub fn read_normals(path: impl AsRef<Path>) -> Result<Plane<Vec3>, Error> {
     let path = path.as_ref();
@@ -39,7 +39,7 @@ pub fn read_normals(path: impl AsRef<Path>) -> Result<Plane<Vec3>, Error> {
     decode(path, &guard::read_whole(path, options.max_bytes())?, &options)
 }
 
-/// Decodes a normal map held in memory; `path` serves the messages only.
+/// Decodes a normal map held in memory; `path` is only used in error messages.
 ///
 /// # Errors
 /// Like [`read_normals`].
@@ -112,7 +112,7 @@ fn from_picture(decoded: Decoded) -> Plane<Vec3> {
     normals
 }
 
-/// Converts components in floats, plain or in the code of integers.
+/// Converts float components, either plain or in the encoding of integers.
 fn floats(normals: Plane<Vec3>) -> Plane<Vec3> {
     let is_unit = |n: Vec3| (n.length() - 1.0).abs() < UNIT_SLACK;
     let (mut plain, mut in_code, mut seen) = (0_usize, 0_usize, 0_usize);
@@ -121,7 +121,7 @@ fn floats(normals: Plane<Vec3>) -> Plane<Vec3> {
         plain += usize::from(is_unit(n));
         in_code += usize::from(n.min_element() >= 0.0 && n.max_element() <= 1.0 && is_unit(2.0 * n - 1.0));
     }
-    // Backgrounds have any value; most of the surface has the length of one.
+    // Background pixels may have any value, but most normals of the surface have length one.
     let decode = in_code > 2 * plain && 4 * in_code > seen;
     normals.map(|&n| match n.is_finite() {
         true if decode => coded(n),
@@ -158,7 +158,7 @@ mod tests {
     }
 
     #[test]
-    fn exr_channels_of_normals_are_found() {
+    fn selects_the_normal_channels_of_exr_files() {
         let n = [(0.6, "R"), (0.0, "G"), (0.8, "B")];
         assert_eq!(read(&exr(&n.map(|(v, c)| (c, v)))).unwrap()[(1, 1)], Vec3::new(0.6, 0.0, 0.8));
         let mixed = [("B", 9.0), ("G", 9.0), ("R", 9.0), ("Normal.X", 0.0), ("Normal.Y", 1.0), ("Normal.Z", 0.0)];
@@ -212,7 +212,7 @@ mod tests {
     }
 
     #[test]
-    fn sixteen_bits_are_all_used() {
+    fn integer_maps_use_all_sixteen_bits() {
         for n in [Vec3::new(0.6, -0.64, 0.48), Vec3::new(1e-3, 0.0, 1.0), Vec3::new(-0.8, 0.6, 1e-3)] {
             let code = n.normalize().to_array().map(|v| ((0.5 * v + 0.5) * 65535.0).round() as u16);
             let image = image::ImageBuffer::from_pixel(1, 1, image::Rgb(code));
@@ -226,7 +226,7 @@ mod tests {
     }
 
     #[test]
-    fn radiance_files_hold_no_normals() {
+    fn radiance_files_are_rejected() {
         assert_eq!(read(b"#?RADIANCE\n").unwrap_err().kind(), Kind::Unsupported);
     }
 }

@@ -7,19 +7,19 @@ use serde_json::Value;
 use crate::Error;
 use crate::guard::read_whole;
 
-/// Longest file, in bytes. Those of this program have some ten thousand; in memory a value takes
-/// sixteen times its text at most.
+/// Longest file in bytes. Files of gonio have about ten thousand bytes; in memory, a value takes at
+/// most sixteen times its text.
 const MAX_BYTES: u64 = 16 << 20;
 
-/// Reads a file of notes.
+/// Reads a JSON file.
 ///
 /// # Errors
-/// If it cannot be read, is longer than 16 MiB, or is no JSON.
+/// If it cannot be read, is longer than 16 MiB, or is not valid JSON.
 pub fn read(path: &Path) -> Result<Value, Error> {
     decode(path, &read_whole(path, MAX_BYTES)?)
 }
 
-/// Decodes notes held in memory; `path` serves the messages only.
+/// Decodes a JSON file held in memory; `path` is only used in error messages.
 ///
 /// # Errors
 /// Like [`read`].
@@ -35,10 +35,10 @@ mod tests {
     use crate::Kind;
 
     #[test]
-    fn long_and_deep_notes_are_refused() {
+    fn long_and_deep_files_are_rejected() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("result.json");
-        // A file of 8 TB that takes no room.
+        // A sparse file of 8 TB.
         File::create(&path).unwrap().set_len(1 << 43).unwrap();
         assert_eq!(read(&path).unwrap_err().kind(), Kind::Limits);
         std::fs::write(&path, "[".repeat(1 << 20)).unwrap();

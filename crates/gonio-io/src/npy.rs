@@ -28,7 +28,7 @@ pub fn read(path: impl AsRef<Path>) -> Result<Array, Error> {
     decode(path, &guard::read_whole(path, MAX_BYTES)?)
 }
 
-/// Decodes an array held in memory; `path` serves the messages only.
+/// Decodes an array held in memory; `path` is only used in error messages.
 ///
 /// # Errors
 /// If the bytes are not an array of floats, or their number does not fit the shape.
@@ -76,14 +76,14 @@ pub fn decode(path: &Path, bytes: &[u8]) -> Result<Array, Error> {
 /// # Panics
 /// If the number of values is not the product of the shape, or the shape has hundreds of axes.
 pub fn encode(array: &Array) -> Vec<u8> {
-    assert_eq!(array.shape.iter().product::<usize>(), array.values.len(), "as many values as the shape has");
+    assert_eq!(array.shape.iter().product::<usize>(), array.values.len(), "the number of values must match the shape");
     let axes: String = array.shape.iter().map(|n| format!("{n}, ")).collect();
     let dict = format!("{{'descr': '<f4', 'fortran_order': False, 'shape': ({}), }}", axes.trim_end());
     // The format requires the values to start at a multiple of 64, and a line break before them.
     let length = (MAGIC.len() + 4 + dict.len() + 1).next_multiple_of(64) - MAGIC.len() - 4;
     let mut bytes = MAGIC.to_vec();
     bytes.extend([1, 0]);
-    bytes.extend(u16::try_from(length).expect("a header below 64 kB").to_le_bytes());
+    bytes.extend(u16::try_from(length).expect("the header is shorter than 64 kB").to_le_bytes());
     bytes.extend(format!("{dict:<width$}\n", width = length - 1).bytes());
     bytes.extend(array.values.iter().flat_map(|v| v.to_le_bytes()));
     bytes
@@ -128,7 +128,7 @@ fn to_c_order(shape: &[usize], values: &[f32]) -> Vec<f32> {
     let mut out = Vec::with_capacity(values.len());
     for _ in 0..values.len() {
         out.push(values[at]);
-        // Counts up, last axis first, keeping `at` in step.
+        // Increments the index, last axis first, and updates `at` accordingly.
         for axis in (0..shape.len()).rev() {
             index[axis] += 1;
             at += strides[axis];
@@ -161,7 +161,7 @@ mod tests {
     }
 
     #[test]
-    fn an_array_comes_back() {
+    fn arrays_round_trip() {
         for shape in [vec![2, 3, 4], vec![24], vec![1, 24, 1]] {
             let array = Array { shape, values: (0..24).map(|i| i as f32).collect() };
             let bytes = encode(&array);
@@ -180,7 +180,7 @@ mod tests {
     }
 
     #[test]
-    fn headers_that_lie_are_refused() {
+    fn inconsistent_headers_are_rejected() {
         let header = |shape: &str| format!("{{'descr': '<f4', 'fortran_order': False, 'shape': {shape}, }}");
         for shape in ["(3,)", "(99999999999, 99999999999)", "(-1,)", "(1, x)", "1", "()", "("] {
             let error = read(&file(&header(shape), &[0; 8])).unwrap_err();

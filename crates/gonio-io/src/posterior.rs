@@ -59,7 +59,7 @@ impl SavedPosterior {
         Self::decode(&file, &read_whole(&file, MAX_BYTES)?)
     }
 
-    /// Decodes a file held in memory; `path` serves the messages only.
+    /// Decodes a file held in memory; `path` is only used in error messages.
     ///
     /// # Errors
     /// Like [`SavedPosterior::read`].

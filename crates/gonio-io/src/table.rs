@@ -36,7 +36,7 @@ impl Table {
         Self::decode(path, &read_whole(path, MAX_BYTES)?)
     }
 
-    /// Decodes a table held in memory; `path` serves the messages only.
+    /// Decodes a table held in memory; `path` is only used in error messages.
     ///
     /// # Errors
     /// Like [`Table::read`].

@@ -20,9 +20,9 @@ pub struct StagedFolder {
     staging: TempDir,
     /// Removes the created parents after `staging`: fields are dropped in order.
     parents: MadeFolders,
-    /// Files and folders of the target that go when the new files come.
+    /// Files and folders of the target to be removed on commit.
     stale: Vec<PathBuf>,
-    /// Tells other processes that the hidden folder is in use. `None` where the system cannot.
+    /// Lock that marks the hidden folder as in use. `None` if the system cannot lock folders.
     _lock: Option<File>,
     _unfinished: Unfinished,
 }
@@ -50,7 +50,7 @@ impl StagedFolder {
         parents.make(&beside).map_err(failed)?;
         unfinished::sweep(&beside);
         if exists {
-            // From when it did not exist yet.
+            // An earlier process may have staged its output there, before the target existed.
             unfinished::sweep(&folder_of(&target));
         }
         let (staging, lock) = hidden(&beside).map_err(failed)?;
@@ -59,9 +59,9 @@ impl StagedFolder {
         Ok(Self { target, staging, parents, stale: Vec::new(), _lock: lock, _unfinished: unfinished })
     }
 
-    /// Lets files of the target go when the new ones come, unless they are replaced. A folder goes
-    /// if it is empty then. Names are relative to the target; others, and what is not there, are
-    /// passed over.
+    /// Marks files of the target for removal on commit, unless new files replace them. A folder is
+    /// removed only if it is empty by then. Names are relative to the target; other paths and
+    /// missing files are ignored.
     pub fn discard(&mut self, names: impl IntoIterator<Item = PathBuf>) {
         let below = |name: &PathBuf| name.components().all(|part| matches!(part, Component::Normal(_)));
         self.stale.extend(names.into_iter().filter(below));
@@ -70,11 +70,11 @@ impl StagedFolder {
     /// Returns the temporary path of the output file `name`.
     ///
     /// # Panics
-    /// If `name` is not a plain file name, or one in a folder of a plain name: `folder/file`.
+    /// If `name` is neither a plain file name nor of the form `folder/file`.
     pub fn path(&self, name: &str) -> PathBuf {
         let plain = |name: &str| Path::new(name).file_name().is_some_and(|n| n == name);
         let (folder, file) = name.split_once('/').map_or((None, name), |(folder, file)| (Some(folder), file));
-        assert!(plain(file) && folder.is_none_or(plain), "`{name}` is a plain file name");
+        assert!(plain(file) && folder.is_none_or(plain), "`{name}` must be a plain file name or `folder/file`");
         self.staging.path().join(name)
     }
 
@@ -93,7 +93,7 @@ impl StagedFolder {
         super::write(&self.path(name), bytes).map_err(|e| Error::io(&self.target.join(name), "write", e))
     }
 
-    /// Writes files by their names, and [commits](Self::commit) them.
+    /// Writes files, given as names and contents, and [commits](Self::commit) them.
     ///
     /// # Errors
     /// As [`Self::write`] and [`Self::commit`].
@@ -110,14 +110,16 @@ impl StagedFolder {
         &self.target
     }
 
-    /// Moves the files to the target. A new folder appears in one step; in an existing one each
-    /// file replaces the one of the same name, after all of them have reached the disk, and what
-    /// was [discarded](Self::discard) goes. Other files there stay.
+    /// Moves the files to the target.
+    ///
+    /// A new folder appears in one step. In an existing folder, each file replaces the one of the
+    /// same name after all files have been synced to the disk, and [discarded](Self::discard) files
+    /// are removed. Other files stay.
     ///
     /// # Errors
-    /// If the files cannot reach the disk (it may be full), a folder stands where a file should go,
-    /// or something is in the way. Nothing has been replaced then, unless renaming itself failed
-    /// halfway. If what was discarded cannot be removed; the new files are there then.
+    /// If the files cannot be synced to the disk (it may be full), a folder has the name of a file
+    /// to be written, or renaming fails. Nothing has been replaced then, unless renaming failed
+    /// halfway. Also if discarded files cannot be removed; the new files are in place then.
     pub fn commit(mut self) -> Result<(), Error> {
         let _writing = writing();
         let staging = self.staging.path();
@@ -125,7 +127,7 @@ impl StagedFolder {
         let failed = |e| Error::io(&self.target, "move the files to the folder", e);
         let exists = self.target.is_dir();
         if !exists && fs::rename(staging, &self.target).is_ok() {
-            // Renamed away: nothing is left to clean up.
+            // The staging folder was renamed, so nothing is left to clean up.
             self.staging.disable_cleanup(true);
         } else {
             if !exists {
@@ -157,7 +159,7 @@ impl StagedFolder {
         Ok(())
     }
 
-    /// Removes what was discarded and not replaced, folders last.
+    /// Removes the files that were discarded and not replaced, then the empty folders.
     fn remove_stale(&self, names: &[PathBuf]) -> Result<(), Error> {
         let mut folders = Vec::new();
         for path in self.stale.iter().filter(|name| !names.contains(name)).map(|name| self.target.join(name)) {
@@ -166,7 +168,7 @@ impl StagedFolder {
                 continue;
             }
             match fs::remove_file(&path) {
-                // A missing folder on the way is as good as a missing file.
+                // A missing folder in the path also means that the file is absent.
                 Err(e) if !matches!(e.kind(), io::ErrorKind::NotFound | io::ErrorKind::NotADirectory) => {
                     return Err(Error::io(&path, "remove earlier results", e));
                 }
@@ -175,14 +177,14 @@ impl StagedFolder {
         }
         folders.sort();
         for folder in folders.iter().rev() {
-            // Fails, rightly, where something else is in it.
+            // Fails, as intended, if the folder contains anything else.
             let _ = fs::remove_dir(folder);
         }
         Ok(())
     }
 
-    /// Syncs all staged files to the disk, where a full disk may show only now, and returns their
-    /// names, with those of their folders.
+    /// Syncs all staged files to the disk and returns their paths relative to the staging folder. A
+    /// full disk may cause an error only here.
     fn sync(&self) -> Result<Vec<PathBuf>, Error> {
         let mut names = Vec::new();
         let mut folders = vec![PathBuf::new()];
@@ -208,20 +210,20 @@ impl StagedFolder {
     }
 }
 
-/// Makes a hidden folder and locks it.
+/// Creates a hidden folder and locks it.
 fn hidden(beside: &Path) -> io::Result<(TempDir, Option<File>)> {
     loop {
         let staging = temporary(0o777).suffix(unfinished::SUFFIX).tempdir_in(beside)?;
         match own(staging.path()) {
             unfinished::Owner::Us(lock) => return Ok((staging, Some(lock))),
             unfinished::Owner::Nobody => return Ok((staging, None)),
-            // Another process took it for one that was left, before it was locked.
+            // Another process treated the folder as a leftover before it was locked.
             unfinished::Owner::Another => (),
         }
     }
 }
 
-/// Folders created on the way, removed again on drop if they are still empty.
+/// Parent folders that were created, removed on drop if they are still empty.
 #[derive(Debug, Default)]
 struct MadeFolders(Vec<(PathBuf, Unfinished)>);
 
@@ -237,7 +239,7 @@ impl MadeFolders {
         }
         match fs::create_dir(dir) {
             Ok(()) => self.0.push((dir.to_owned(), Unfinished::parent(dir))),
-            // Another process was faster; then it is not ours to remove.
+            // Another process created the folder first, so this process must not remove it.
             Err(_) if dir.is_dir() => {}
             Err(e) if e.kind() == io::ErrorKind::AlreadyExists => {
                 return Err(io::Error::new(io::ErrorKind::NotADirectory, format!("{} is a file", dir.display())));
@@ -255,7 +257,7 @@ impl MadeFolders {
 impl Drop for MadeFolders {
     fn drop(&mut self) {
         for (dir, _) in self.0.iter().rev() {
-            // Fails, rightly, when another process has put something into it.
+            // Fails, as intended, if another process has written to the folder.
             let _ = fs::remove_dir(dir);
         }
     }
@@ -265,7 +267,7 @@ impl Drop for MadeFolders {
 mod tests {
     use super::*;
 
-    /// All paths below `dir`, relative and sorted.
+    /// Returns all paths below `dir`, relative and sorted.
     fn tree(dir: &Path) -> Vec<String> {
         let mut found = Vec::new();
         let mut open = vec![dir.to_owned()];
@@ -321,7 +323,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_discarded_goes_with_the_old_files() {
+    fn removes_discarded_files_on_commit() {
         let dir = tempfile::tempdir().unwrap();
         for folder in ["out/a", "out/b", "out/gone"] {
             fs::create_dir_all(dir.path().join(folder)).unwrap();
@@ -345,7 +347,7 @@ mod tests {
 
     #[cfg(unix)]
     #[test]
-    fn what_a_killed_process_left_is_removed_and_what_is_in_use_stays() {
+    fn removes_leftovers_of_killed_processes_but_no_locked_folders() {
         let dir = tempfile::tempdir().unwrap();
         let left = dir.path().join(".gonio-abcdef.unfinished");
         fs::create_dir(&left).unwrap();
@@ -365,7 +367,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_replaced_when_something_is_in_the_way() {
+    fn replaces_nothing_if_a_folder_is_in_the_way() {
         let dir = tempfile::tempdir().unwrap();
         fs::create_dir(dir.path().join("y")).unwrap();
         fs::write(dir.path().join("x"), "old").unwrap();
@@ -378,7 +380,7 @@ mod tests {
     }
 
     #[test]
-    fn a_folder_made_meanwhile_is_filled() {
+    fn fills_a_folder_created_before_the_commit() {
         let dir = tempfile::tempdir().unwrap();
         let out = dir.path().join("out");
         let staged = StagedFolder::create(&out).unwrap();
@@ -390,7 +392,7 @@ mod tests {
     }
 
     #[test]
-    fn files_where_folders_should_be_are_named() {
+    fn reports_files_in_place_of_folders() {
         let dir = tempfile::tempdir().unwrap();
         fs::write(dir.path().join("f"), "").unwrap();
         let error = StagedFolder::create(dir.path().join("f")).unwrap_err();

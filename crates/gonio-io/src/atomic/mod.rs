@@ -28,7 +28,7 @@ const PREFIX: &str = ".gonio-";
 pub fn write_file(path: impl AsRef<Path>, bytes: &[u8]) -> Result<(), Error> {
     let path = path.as_ref();
     write(path, bytes).map_err(|e| {
-        // The target need not exist, so its folder is missing.
+        // Writing creates the target, so this error means that its folder is missing.
         let action =
             if e.kind() == io::ErrorKind::NotFound { "write, because its folder does not exist" } else { "write" };
         Error::io(path, action, e)
@@ -38,7 +38,7 @@ pub fn write_file(path: impl AsRef<Path>, bytes: &[u8]) -> Result<(), Error> {
 fn write(path: &Path, bytes: &[u8]) -> io::Result<()> {
     let target = match fs::metadata(path) {
         Ok(meta) if meta.is_dir() => return Err(io::ErrorKind::IsADirectory.into()),
-        // Replacing `/dev/null` by a file would be a disaster.
+        // Devices such as `/dev/null` must not be replaced by a file.
         Ok(meta) if !meta.is_file() => return File::options().write(true).open(path)?.write_all(bytes),
         Ok(meta) if meta.permissions().readonly() => return Err(io::ErrorKind::PermissionDenied.into()),
         Ok(_) => fs::canonicalize(path)?,
@@ -51,8 +51,8 @@ fn write(path: &Path, bytes: &[u8]) -> io::Result<()> {
     let mut file = temporary(0o666).tempfile_in(&folder)?;
     let _unfinished = unfinished::Unfinished::file(file.path());
     file.write_all(bytes)?;
-    // A full disk may show only here; without this a crash could leave an empty file under the
-    // final name.
+    // A full disk may cause an error only here. Without the sync, a crash could leave an empty file
+    // under the final name.
     file.as_file().sync_all()?;
     file.persist(&target).map_err(|e| e.error)?;
     sync_folder(&folder);
@@ -79,8 +79,8 @@ fn temporary(mode: u32) -> tempfile::Builder<'static, 'static> {
     builder
 }
 
-/// Makes a rename survive a power cut. Not all file systems support it, and the file is sound
-/// either way.
+/// Syncs a folder, so that a rename survives a power cut. Errors are ignored: not all file systems
+/// support this, and the file is intact either way.
 fn sync_folder(folder: &Path) {
     let _ = File::open(folder).and_then(|f| f.sync_all());
 }
@@ -129,7 +129,7 @@ mod tests {
         write_file(&link, b"new").unwrap();
         assert_eq!(fs::read(&real).unwrap(), b"new");
         assert!(fs::symlink_metadata(&link).unwrap().is_symlink());
-        // The permissions of any other new file.
+        // The file has the permissions of any other new file.
         let plain = dir.path().join("plain");
         fs::write(&plain, "").unwrap();
         let mode = |p: &Path| fs::metadata(p).unwrap().permissions().mode();

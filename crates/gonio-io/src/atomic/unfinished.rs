@@ -1,4 +1,4 @@
-//! Registry of unfinished output, which the process removes on a signal, or the next process.
+//! Registry of unfinished output, which this process removes on a signal, or else the next process.
 
 use std::fs::{self, File, TryLockError};
 use std::path::{Path, PathBuf};
@@ -8,28 +8,28 @@ use std::time::Duration;
 
 use super::PREFIX;
 
-/// End of the names of hidden folders. By it they are known for ours, and removed.
+/// Suffix of the names of hidden folders, by which [`sweep`] recognises leftovers.
 pub(super) const SUFFIX: &str = ".unfinished";
 
 /// Attempts to remove a folder that another thread is still writing to.
 const ATTEMPTS: usize = 20;
 
-/// All that is unfinished in this process.
+/// All unfinished output of this process.
 static ALL: Mutex<Vec<Entry>> = Mutex::new(Vec::new());
 
-/// Read by whoever writes; written to by [`abandon`], for good.
+/// Writers hold the read lock; [`abandon`] takes the write lock and never releases it.
 static GATE: RwLock<()> = RwLock::new(());
 
 #[derive(Clone, Debug, PartialEq)]
 enum Entry {
     File(PathBuf),
-    /// A hidden folder, with all that is in it.
+    /// A hidden folder and its content.
     Folder(PathBuf),
-    /// A folder that was made on the way, if it is empty.
+    /// A created parent folder, removed only if it is empty.
     Parent(PathBuf),
 }
 
-/// Something that is unfinished until this is dropped.
+/// Registration of unfinished output, which ends on drop.
 #[derive(Debug)]
 pub(super) struct Unfinished(Entry);
 
@@ -61,20 +61,21 @@ impl Drop for Unfinished {
     }
 }
 
-/// Keeps [`abandon`] waiting: for steps that end quickly and are not to be cut in two.
+/// Makes [`abandon`] wait until the guard is dropped. For short steps that must not be interrupted.
 pub(super) fn writing() -> RwLockReadGuard<'static, ()> {
     GATE.read().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Removes every hidden file and folder that this process has not finished, and the folders that
-/// were made for them. What is just being put into its place is finished first. Nothing can be
-/// written afterwards: whoever tries waits for ever. For a process that was told to end.
+/// Removes all unfinished output of this process and the folders created for it.
+///
+/// Waits for files that are being moved into place. Afterwards no output can be written: callers
+/// that try block for ever. For a process that is about to exit.
 pub fn abandon() {
     std::mem::forget(GATE.write().unwrap_or_else(PoisonError::into_inner));
     let all = ALL.lock().unwrap_or_else(PoisonError::into_inner).clone();
-    // Parents come before what is in them.
+    // Parents are registered before their content.
     for entry in all.iter().rev() {
-        // There is nobody left to tell that something cannot be removed.
+        // The process is about to exit, so errors cannot be reported.
         let _ = match entry {
             Entry::File(path) => fs::remove_file(path),
             Entry::Folder(path) => remove(path),
@@ -94,30 +95,30 @@ fn remove(path: &Path) -> std::io::Result<()> {
     fs::remove_dir_all(path)
 }
 
-/// Whose a hidden folder is.
+/// Owner of a hidden folder.
 pub(super) enum Owner {
     /// This process, as long as it holds the lock.
     Us(File),
     /// Another process.
     Another,
-    /// The system does not lock folders.
+    /// Unknown, because the system cannot lock folders.
     Nobody,
 }
 
-/// Locks a hidden folder. The lock ends with the process, however that ends.
+/// Locks a hidden folder. The lock ends with the process, even if it is killed.
 pub(super) fn own(folder: &Path) -> Owner {
     let Ok(file) = File::open(folder) else {
         return if folder.exists() { Owner::Nobody } else { Owner::Another };
     };
     match file.try_lock() {
-        // Whoever held the lock before may have removed the folder.
+        // A previous owner of the lock may have removed the folder.
         Ok(()) if folder.exists() => Owner::Us(file),
         Ok(()) | Err(TryLockError::WouldBlock) => Owner::Another,
         Err(TryLockError::Error(_)) => Owner::Nobody,
     }
 }
 
-/// Removes the hidden folders that processes which were killed have left in `dir`.
+/// Removes the hidden folders that killed processes left in `dir`.
 pub(super) fn sweep(dir: &Path) {
     // Files that cannot be listed or removed are harmless.
     let Ok(entries) = fs::read_dir(dir) else { return };

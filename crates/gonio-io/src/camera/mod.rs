@@ -53,14 +53,14 @@ enum Sensor {
 /// Reads the camera of a photograph of `size`, columns and rows.
 ///
 /// # Errors
-/// If the file cannot be read, is not such JSON, has keys that are unknown or do not go together,
-/// is for pictures of another size, or its numbers make no valid camera.
+/// If the file cannot be read, is not valid JSON, has unknown or incompatible keys, is for images
+/// of another size, or does not describe a valid camera.
 pub fn read_camera(path: impl AsRef<Path>, size: (usize, usize)) -> Result<Camera, Error> {
     let path = path.as_ref();
     decode_camera(path, &guard::read_whole(path, MAX_BYTES)?, size)
 }
 
-/// Decodes a camera held in memory; `path` serves the messages only.
+/// Decodes a camera held in memory; `path` is only used in error messages.
 ///
 /// # Errors
 /// Like [`read_camera`].
@@ -90,12 +90,13 @@ pub fn decode_camera(path: &Path, bytes: &[u8], size: (usize, usize)) -> Result<
     }
 }
 
-/// Requires exactly one of the ways to give a number, each with its key.
+/// Returns the index and the value of the only given key among `ways`; none or several are an
+/// error.
 fn one_of<T: Copy>(path: &Path, what: &str, ways: &[(&str, Option<T>)]) -> Result<(usize, T), Error> {
     let given: Vec<usize> = (0..ways.len()).filter(|&i| ways[i].1.is_some()).collect();
     let names = || ways.iter().map(|w| w.0).collect::<Vec<_>>().join(", ");
     match given.as_slice() {
-        &[i] => Ok((i, ways[i].1.expect("is given"))),
+        &[i] => Ok((i, ways[i].1.expect("the selected key is given"))),
         [] => Err(Error::invalid(path, format!("does not specify the {what}"), format!("specify one of {}", names()))),
         several => {
             let both = several.iter().map(|&i| ways[i].0).collect::<Vec<_>>().join(" and ");
@@ -104,7 +105,8 @@ fn one_of<T: Copy>(path: &Path, what: &str, ways: &[(&str, Option<T>)]) -> Resul
     }
 }
 
-/// Refuses keys that are meaningless for the content of the file, each with whether it is given.
+/// Rejects keys that are meaningless in addition to `beside`; `keys` pairs each key with whether it
+/// is given.
 fn foreign(path: &Path, beside: &str, keys: &[(&str, bool)]) -> Result<(), Error> {
     match keys.iter().find(|k| k.1) {
         Some((key, _)) => Err(Error::invalid(path, format!("has {key:?} in addition to {beside}"), "remove it")),
@@ -183,7 +185,7 @@ fn positive(path: &Path, key: &str, value: f64) -> Result<f64, Error> {
     Err(Error::invalid(path, format!("has {key:?} = {value}"), "use a positive number"))
 }
 
-/// Parses a file; errors give the line.
+/// Parses JSON; errors state the line.
 fn from_json<T: DeserializeOwned>(path: &Path, bytes: &[u8]) -> Result<T, Error> {
     let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
     serde_json::from_slice(bytes).map_err(|e| match e.classify() {
@@ -209,7 +211,7 @@ mod tests {
     }
 
     #[test]
-    fn focal_lengths_are_given_in_several_ways() {
+    fn reads_focal_lengths_in_all_units() {
         assert_eq!(focal(r#""focal_pixels": 812.5"#), 812.5);
         assert_eq!(focal(r#""focal_mm": 50, "sensor_mm": 36"#), 50.0 / 36.0 * 600.0);
         assert!((focal(r#""focal_mm": 50, "sensor_mm": [36, 24]"#) - 50.0 / 36.0 * 600.0).abs() < 1e-9);
@@ -218,7 +220,7 @@ mod tests {
     }
 
     #[test]
-    fn scale_and_centre_are_those_of_the_file() {
+    fn reads_scale_and_principal_point() {
         for (rest, want) in [(r#""pixels_per_unit": 90"#, 90.0), (r#""height": 8"#, 50.0), (r#""width": 8"#, 75.0)] {
             let camera = read(&format!(r#"{{"projection": "orthographic", "size": [600, 400], {rest}}}"#)).unwrap();
             assert_eq!(camera.projection, Projection::Orthographic { pixels_per_unit: want });
@@ -230,13 +232,13 @@ mod tests {
     }
 
     #[test]
-    fn a_camera_looks_where_its_pose_says() {
+    fn all_forms_of_a_pose_are_equivalent() {
         let seen = |pose: &str, place: DVec3| {
             let json = format!(r#"{{"projection": "perspective", "focal_pixels": 100, "pose": {pose}}}"#);
             let camera = read(&json).unwrap();
             camera.project(camera.to_world.inverse().transform_point3(place)).unwrap()
         };
-        // A camera at (0, 0, 10) that sees +x at the right and +y at the top, in five ways.
+        // The same camera in five forms: at (0, 0, 10), with +x to the right and +y at the top.
         for pose in [
             r#"{"position": [0, 0, 10], "look_at": [0, 0, 0]}"#,
             r#"{"position": [0, 0, 10], "look_at": [0, 0, 3], "up": [0, 2, 0.5]}"#,
@@ -250,7 +252,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_is_told_by_name() {
+    fn errors_name_the_key() {
         let perspective = |rest: &str| format!(r#"{{"projection": "perspective", {rest}}}"#);
         for (json, says) in [
             (perspective(r#""focal": 50"#), "unknown field `focal`, expected one of `projection`, `focal_pixels`"),
@@ -297,7 +299,7 @@ mod tests {
     }
 
     #[test]
-    fn poses_that_are_none_are_refused() {
+    fn invalid_poses_are_rejected() {
         for (pose, says) in [
             (r#"{}"#, "does not specify the pose; specify one of camera_to_world, world_to_camera, position"),
             (r#"{"position": [0, 0, 1]}"#, "without \"look_at\""),

@@ -23,7 +23,7 @@ pub(super) struct CameraPose {
     convention: Option<Convention>,
 }
 
-/// Axes of a camera in a matrix.
+/// Axis convention of a camera matrix.
 #[derive(Clone, Copy, PartialEq, Deserialize)]
 #[serde(rename_all = "lowercase")]
 enum Convention {
@@ -132,18 +132,18 @@ enum Scale {
     Axes([f64; 3]),
 }
 
-/// Reads the pose of an object: the matrix from its coordinates to those of the world. It may scale
-/// and mirror.
+/// Reads the pose of an object: the matrix from object to world coordinates. It may scale and
+/// mirror.
 ///
 /// # Errors
-/// If the file cannot be read, is not such JSON, has keys that are unknown or do not go together,
-/// or flattens the object.
+/// If the file cannot be read, is not valid JSON, has unknown or incompatible keys, or flattens the
+/// object.
 pub fn read_pose(path: impl AsRef<Path>) -> Result<DMat4, Error> {
     let path = path.as_ref();
     decode_pose(path, &guard::read_whole(path, MAX_BYTES)?)
 }
 
-/// Decodes a pose held in memory; `path` serves the messages only.
+/// Decodes a pose held in memory; `path` is only used in error messages.
 ///
 /// # Errors
 /// Like [`read_pose`].
@@ -210,7 +210,7 @@ mod tests {
     }
 
     #[test]
-    fn the_same_pose_in_several_ways() {
+    fn all_forms_of_a_pose_are_equivalent() {
         // Scaled by two, turned by a quarter about z, moved along x.
         let half = 0.5_f64.sqrt();
         for json in [
@@ -229,7 +229,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_is_told_by_name() {
+    fn errors_name_the_key() {
         for (json, says) in [
             (r#"{"rotation": [1, 2, 3]}"#, "unknown field `rotation`, expected one of `matrix`"),
             (

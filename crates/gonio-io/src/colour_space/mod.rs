@@ -31,8 +31,8 @@ pub enum ColourSpace {
     Xyz,
 }
 
-/// Largest difference of two elements up to which two matrices stand for one space: ICC profiles
-/// and files round the numbers of a space.
+/// Largest difference between elements of two matrices of the same space. ICC profiles and image
+/// files round their numbers.
 const SAME_SPACE: f64 = 2e-3;
 
 impl ColourSpace {
@@ -122,11 +122,10 @@ impl ColourSpace {
         if self == Self::Rec709 { rgb } else { (self.from_rec709() * rgb.as_dvec3()).as_vec3() }
     }
 
-    /// Returns the named space that a matrix to linear Rec. 709 belongs to, within the rounding of
-    /// files.
+    /// Returns the named space of a matrix to linear Rec. 709, within the rounding of files.
     pub fn of_matrix(to_rec709: DMat3) -> Option<Self> {
         let far = |a: DVec3, b: DVec3| (a - b).abs().max_element();
-        // Channels of different spaces are compared by what they contribute.
+        // Compares columns: the contribution of each channel to the colour.
         Self::ALL.into_iter().find(|space| {
             let named = space.to_rec709();
             (0..3).all(|k| far(named.col(k), to_rec709.col(k)) < SAME_SPACE)
@@ -147,7 +146,7 @@ mod tests {
     }
 
     #[test]
-    fn matrices_are_those_published() {
+    fn matrices_match_published_values() {
         // ACES 1.x, AP1 to Rec. 709 with Bradford adaptation from the ACES white to D65.
         let aces_cg = [
             [1.705_050_99, -0.621_792_12, -0.083_258_87],

@@ -83,7 +83,7 @@ mod tests {
     }
 
     #[test]
-    fn bradford_is_the_published_matrix() {
+    fn bradford_matches_the_published_matrix() {
         // Lindbloom, D50 to D65.
         let d50 = DVec2::new(0.345_669, 0.358_496);
         let published = DMat3::from_cols(

@@ -2,9 +2,11 @@ use gonio::shading::Layered;
 
 use super::{HALF_WIDTH, SIZE, colour, number};
 
-/// Writes a script for Blender 4.0 and later, to be run from its text editor or with
-/// `blender --python`: it creates a material of this name with a Principled BSDF, and assigns it to
-/// the active object if there is one. Blender's `Roughness` is the square root of GGX's width.
+/// Writes a script for Blender 4.0 and later that creates a material with a Principled BSDF.
+///
+/// It runs in Blender's text editor or with `blender --python`. The material has the name `name`
+/// and is assigned to the active object if there is one. Blender's `Roughness` is the square root
+/// of GGX's width.
 pub fn blender_script(name: &str, model: &Layered) -> String {
     // A JSON string is also a Python string.
     let quoted = serde_json::Value::from(name).to_string();
@@ -21,10 +23,11 @@ pub fn blender_script(name: &str, model: &Layered) -> String {
     )
 }
 
-/// Writes the script of [`blender_script`] with a scene to it, which it makes and renders to
-/// `blender.png` beside itself where Blender runs without a window: a sphere of the material,
-/// framed as `render_sphere` frames it, under the lat-long map in the file `light`, brightened by
-/// `exposure` stops.
+/// Writes the script of [`blender_script`] with a scene that shows the material.
+///
+/// The scene is a sphere of the material, framed like that of `render_sphere`, under the lat-long
+/// map in the file `light`, brightened by `exposure` stops. If Blender runs without a window, the
+/// script renders the scene to `blender.png` in its own folder.
 pub fn blender_scene(name: &str, model: &Layered, light: &str, exposure: f64) -> String {
     format!(
         "{}\n\nLIGHT = \"{light}\"\nEXPOSURE = {}  # stops\nSIZE = {SIZE}  # pixels\nWIDTH = {:.6}  # of the picture, in radii\n\n{}",

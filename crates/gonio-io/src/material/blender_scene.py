@@ -1,6 +1,6 @@
 
 def render():
-    """Renders a sphere of the material in the light to a picture beside this file."""
+    """Renders a sphere of the material under the light to `blender.png` in the folder of this file."""
     from math import pi
     from pathlib import Path
 
@@ -18,7 +18,7 @@ def render():
     mesh.materials.append(material)
     scene.collection.objects.link(bpy.data.objects.new("sphere", mesh))
 
-    # The view from the front: to the right is +x, up is +z, and the camera looks along +y.
+    # The camera looks along +y; +x is to the right and +z is up.
     camera = bpy.data.cameras.new("camera")
     camera.type = "ORTHO"
     camera.ortho_scale = WIDTH
@@ -27,7 +27,7 @@ def render():
     scene.camera.rotation_euler = (pi / 2, 0, 0)
     scene.collection.objects.link(scene.camera)
 
-    # The middle of the map lies before the camera; Blender has it along +x and turns it by this.
+    # The centre of the map is in front of the camera. Blender places it along +x, so rotate the map.
     scene.world = bpy.data.worlds.new("light")
     scene.world.use_nodes = True
     tree = scene.world.node_tree

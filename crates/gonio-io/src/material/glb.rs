@@ -93,7 +93,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_sphere_opens_with_its_material() {
+    fn the_sphere_and_its_material_can_be_read() {
         let model =
             MetallicRoughness { base_color: DVec3::new(0.5, 0.25, 0.1), metallic: 0.2, roughness: 0.3, ior: 1.4 };
         let bytes = glb_sphere("a \"ball\"", &model);

@@ -2,15 +2,15 @@ use gonio::shading::Principled;
 
 use super::{colour, identifier, number};
 
-/// Version of Mitsuba's format: the root of a file has to state it, and nothing else may.
+/// Version of Mitsuba's format, an attribute of the root element and of no other.
 const VERSION: &str = "3.0.0";
 
 /// Context of the material's text.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Place {
-    /// In a file of its own.
+    /// A separate file.
     File,
-    /// Within a scene.
+    /// Part of a scene.
     Scene,
 }
 
@@ -42,8 +42,8 @@ pub fn mitsuba_principled(name: &str, model: &Principled, place: Place) -> Strin
     )
 }
 
-/// Writes the file of a `measured` material of Mitsuba 3, which reads `tensor` from beside it.
-/// `colours` names the colour space of the tensor, for a comment.
+/// Writes the file of a `measured` material of Mitsuba 3, which loads `tensor` from the same
+/// folder. `colours` names the colour space of the tensor, for a comment.
 pub fn mitsuba_measured(name: &str, tensor: &str, colours: &str) -> String {
     format!(
         "{}\n    <!-- Colours: {colours} -->\n    <string name=\"filename\" value=\"{tensor}\"/>\n</bsdf>\n",
@@ -51,11 +51,11 @@ pub fn mitsuba_measured(name: &str, tensor: &str, colours: &str) -> String {
     )
 }
 
-/// Writes a scene of Mitsuba 3: a sphere, framed as `render_sphere` frames it, of the material in
-/// the file `material` under the lat-long map in the file `light`. `material`, `size` and `samples`
-/// are parameters of it.
+/// Writes a scene of Mitsuba 3: a sphere, framed like that of `render_sphere`, of the material in
+/// the file `material` under the lat-long map in the file `light`. The scene has the parameters
+/// `material`, `size` and `samples`.
 pub fn mitsuba_scene(material: &str, light: &str) -> String {
-    // The middle of our maps is along -z, that of Mitsuba's along +z.
+    // The centre of gonio's maps is along -z, that of Mitsuba's along +z.
     format!(
         r#"<scene version="{VERSION}">
     <default name="material" value="{material}"/>

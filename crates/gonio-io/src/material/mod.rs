@@ -1,5 +1,4 @@
-//! Materials in the files of renderers, as parameters of their own models:
-//! [`gonio::shading`] describes the models.
+//! Files of materials for renderers, as parameters of the models in [`gonio::shading`].
 //!
 //! Colours are linear Rec. 709 throughout, as all these formats expect. Names are kept where the
 //! format allows; elsewhere every character except letters, digits and underscores becomes an
@@ -17,11 +16,11 @@ pub use mitsuba::{Place, mitsuba_measured, mitsuba_principled, mitsuba_scene};
 
 use glam::DVec3;
 
-/// Width and height in pixels of the pictures that scenes make.
+/// Width and height in pixels of the pictures that the scenes render.
 const SIZE: usize = 256;
 
-/// Half the width of such a picture, for a sphere of radius one with two empty pixels around it:
-/// that of `gonio::render::SphereSettings`.
+/// Half the width of such a picture, for a sphere of radius one with a margin of two pixels, as in
+/// `gonio::render::SphereSettings`.
 const HALF_WIDTH: f64 = 0.5 * SIZE as f64 / (0.5 * SIZE as f64 - 2.0);
 
 /// Converts a name to an identifier of XML and Python.
@@ -33,7 +32,7 @@ fn identifier(name: &str) -> String {
     out
 }
 
-/// Formats a number with four decimals, more than any of the models deserves.
+/// Formats a number with four decimals, more than the accuracy of the models.
 fn number(value: f64) -> String {
     format!("{value:.4}")
 }

@@ -1,17 +1,17 @@
 //! Triangle meshes: Wavefront OBJ, PLY (text and binary) and glTF 2.0 (`.glb`, `.gltf`).
 //!
 //! The format is recognised by content, never by the name. Only the surface of a file is read:
-//! positions, faces and normals. Faces of more than three corners are cut into triangles; several
-//! objects become one mesh.
-//! * OBJ: objects and groups are joined; materials are never opened.
+//! positions, faces and normals. Faces of more than three corners are triangulated; several objects
+//! become one mesh.
+//! * OBJ: objects and groups are joined; material files are never opened.
 //! * PLY: `x y z` and `nx ny nz` of `vertex`, the list `vertex_indices` or `vertex_index` of
 //!   `face`, of any types.
 //! * glTF: all meshes of the default scene (the first, if none is marked as default) with the
 //!   transformations of their nodes. Buffers may be embedded, or files in the folder of the file or
-//!   below. Compressed geometry, skins and quantised positions are refused.
+//!   below. Compressed geometry, skins and quantised positions are rejected.
 //!
-//! Axes and units are left as they are in the file; a pose (`docs/camera.md`) puts the object in
-//! front of the camera.
+//! Axes and units are those of the file; a pose (`docs/camera.md`) puts the object in front of the
+//! camera.
 
 mod gltf;
 mod obj;
@@ -29,27 +29,27 @@ pub use write::{encode_obj, encode_ply};
 
 /// Longest file read, 512 MiB.
 const MAX_BYTES: u64 = 1 << 29;
-/// Largest number of triangles, and of vertices, 2^23 (8.4 million); a triangle takes some 200
+/// Largest number of triangles, and of vertices, 2^23 (8.4 million); a triangle takes about 200
 /// bytes while a mesh is built.
 const MAX_TRIANGLES: usize = 1 << 23;
 
-/// Function that reads a file that a mesh refers to, by its name in the mesh, of at most the given
-/// number of bytes.
+/// Function that reads a file referenced by a mesh, given its name in the mesh and the largest
+/// allowed number of bytes.
 type Fetch<'a> = &'a dyn Fn(&str, u64) -> Result<Vec<u8>, Error>;
 
-/// Reads a mesh; [`Soundness`] lists its oddities.
+/// Reads a mesh; [`Soundness`] lists its defects.
 ///
 /// # Errors
-/// If the file cannot be read, is of another format or damaged, holds no surface, or more than 2^23
-/// triangles or vertices.
+/// If the file cannot be read, has another format, is damaged, contains no surface, or has more
+/// than 2^23 triangles or vertices.
 pub fn read_mesh(path: impl AsRef<Path>) -> Result<(Mesh, Soundness), Error> {
     let path = path.as_ref();
     let bytes = guard::read_whole(path, MAX_BYTES)?;
     decode_with(path, &bytes, &|name, length| gltf::read_sibling(path, name, length))
 }
 
-/// Reads a mesh; if there is no such file and `path` is the name of a built-in shape
-/// ([`Form::named`]), builds that shape.
+/// Reads a mesh, or builds the built-in shape of that name ([`Form::named`]) if there is no such
+/// file.
 ///
 /// # Errors
 /// Like [`read_mesh`].
@@ -57,15 +57,15 @@ pub fn read_shape(path: impl AsRef<Path>) -> Result<(Mesh, Soundness), Error> {
     let path = path.as_ref();
     match path.to_str().and_then(Form::named).filter(|_| !path.exists()) {
         Some(form) => {
-            let mesh = form.mesh(Form::CELLS).expect("the lattice is fine enough for every shape of our own");
+            let mesh = form.mesh(Form::CELLS).expect("Form::CELLS is fine enough for every built-in shape");
             Ok((mesh, Soundness::default()))
         }
         None => read_mesh(path),
     }
 }
 
-/// Decodes a mesh held in memory; `path` serves the messages only. A glTF file must then hold all
-/// its buffers.
+/// Decodes a mesh held in memory; `path` is only used in error messages. A glTF file must contain
+/// all its buffers.
 ///
 /// # Errors
 /// Like [`read_mesh`].
@@ -155,7 +155,7 @@ mod tests {
     }
 
     #[test]
-    fn our_own_shapes_are_made_where_there_is_no_file() {
+    fn built_in_shapes_need_no_file() {
         let (mesh, soundness) = read_shape("bowl").unwrap();
         assert!(mesh.triangles().len() > 1000 && soundness == Soundness::default());
         assert!(read_shape("cup").unwrap_err().to_string().starts_with("cup: "));

@@ -1,9 +1,8 @@
 //! Wavefront OBJ: `v`, `vn` and `f`; everything else (materials, groups, texture coordinates,
 //! lines, curves) is ignored.
 //!
-//! Parsed here and not by the crate `tobj`, which invents normals where faces have none, takes
-//! lines for faces, refuses comments that are not UTF-8, and cannot say which line of the file is
-//! wrong.
+//! This parser replaces the crate `tobj`, which invents normals for faces without normals, treats
+//! lines as faces, rejects comments that are not UTF-8, and does not report the line of an error.
 
 use std::path::Path;
 
@@ -15,7 +14,7 @@ use crate::Error;
 
 /// Longest part of a line that is quoted in a message.
 const QUOTED: usize = 60;
-/// What is wrong with a face, after the number of its line.
+/// Message for an invalid face, after the number of its line.
 const INVALID_FACE: &str = "is not a valid face, or refers to a missing vertex";
 
 pub(super) fn decode(path: &Path, bytes: &[u8]) -> Result<(Mesh, Soundness), Error> {
@@ -24,7 +23,7 @@ pub(super) fn decode(path: &Path, bytes: &[u8]) -> Result<(Mesh, Soundness), Err
     let mut early: Vec<(Vec<Corner>, usize)> = Vec::new();
     let mut joined = Vec::new();
     let mut first = 1;
-    // Old programs of the Macintosh end lines with CR alone.
+    // Old Macintosh programs end lines with CR alone.
     let end = if bytes.contains(&b'\n') { b'\n' } else { b'\r' };
     for (i, line) in bytes.split(|b| *b == end).enumerate() {
         let comment = line.iter().position(|b| *b == b'#').unwrap_or(line.len());
@@ -52,7 +51,7 @@ pub(super) fn decode(path: &Path, bytes: &[u8]) -> Result<(Mesh, Soundness), Err
         match words.next() {
             Some(b"v") => {
                 parts.room_for(1)?;
-                // What follows is a weight, which only rational curves use, or a colour.
+                // Further numbers are a weight, which only rational curves use, or a colour.
                 parts.positions.push(three(&mut words).ok_or_else(|| bad("is not a valid vertex"))?);
             }
             Some(b"vn") => {
@@ -105,9 +104,10 @@ fn three<'a>(words: &mut impl Iterator<Item = &'a [u8]>) -> Option<DVec3> {
     Some(DVec3::new(next()?, next()?, next()?))
 }
 
-/// Parses the indices, from 0, of vertex and normal in `7`, `7/8`, `7/8/9` or `7//9`, which count
-/// from 1, or backwards from the last of those read so far if negative. A normal of index 0 is
-/// missing.
+/// Parses the indices of vertex and normal in `7`, `7/8`, `7/8/9` or `7//9`; returns them from 0.
+///
+/// In the file, indices count from 1, and negative ones count backwards from the last element read
+/// so far. A normal of index 0 is missing.
 fn corner(word: &[u8], vertices: usize, normals: usize) -> Option<Corner> {
     let mut fields = word.split(|b| *b == b'/');
     let number = |field: &[u8]| -> Option<i64> { std::str::from_utf8(field).ok()?.parse().ok() };
@@ -161,13 +161,13 @@ mod tests {
         for (got, want) in mesh.normals().iter().flatten().zip([DVec3::Z, DVec3::Z, half, DVec3::Z, half, DVec3::Z]) {
             assert!((*got - want).length() < 1e-12, "{got}");
         }
-        // One face without normals: all are computed.
+        // If one face has no normals, all normals are computed.
         let (_, soundness) = read(&format!("{SQUARE}vn 0 1 1\nf 1//1 2//1 3//1\nf 1 3 4\n")).unwrap();
         assert!(soundness.normals_computed);
     }
 
     #[test]
-    fn weights_colours_and_odd_comments() {
+    fn ignores_weights_colours_and_comments() {
         let text = b"# caf\xe9\nv 0 0 0 1\nv 1 0 0 2 # wide\nv 1 1 0 0.5 0.5 0.5\nf 1 2 3 # side\n";
         let (mesh, _) = decode(Path::new("a.obj"), text).unwrap();
         assert_eq!(mesh.positions(), [DVec3::ZERO, DVec3::X, DVec3::new(1.0, 1.0, 0.0)]);
@@ -182,7 +182,7 @@ mod tests {
     }
 
     #[test]
-    fn normals_that_the_file_does_not_contain_are_computed() {
+    fn missing_normals_are_computed() {
         for face in ["f 1//1 2//1 3//1", "f 1//0 2//0 3//0"] {
             let (_, soundness) = read(&format!("{SQUARE}{face}\n")).unwrap();
             assert!(soundness.normals_computed, "{face}");
@@ -190,7 +190,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_is_told_with_its_line() {
+    fn errors_name_the_line() {
         for (text, says) in [
             ("f 1 2 5", "line 5 is not a valid face"),
             ("f 0 1 2", "line 5"),

@@ -1,4 +1,4 @@
-//! Code common to all formats: polygons become triangles, whose number is limited.
+//! Code common to all formats: triangulates polygons and limits the number of triangles.
 
 use std::path::Path;
 
@@ -8,8 +8,7 @@ use gonio::shape::{Mesh, MeshParts, Soundness};
 use super::MAX_TRIANGLES;
 use crate::Error;
 
-/// Largest number of corners up to which a polygon that is not convex is triangulated: the effort
-/// grows with the cube.
+/// Largest number of corners of a concave polygon; the time to triangulate it grows with the cube.
 const MAX_CONCAVE: usize = 256;
 
 /// Contents collected from a file.
@@ -26,12 +25,12 @@ impl<'a> Parts<'a> {
         Self { path, positions: Vec::new(), triangles: Vec::new(), normals: Vec::new(), any_normals: false }
     }
 
-    /// Whether there are no triangles yet.
+    /// Returns whether there are no triangles yet.
     pub(super) fn is_empty(&self) -> bool {
         self.triangles.is_empty()
     }
 
-    /// Checks that `more` triangles, or vertices, are still allowed.
+    /// Checks that `more` triangles or vertices do not exceed the limit.
     pub(super) fn room_for(&self, more: u64) -> Result<(), Error> {
         let most = self.triangles.len().max(self.positions.len()) as u64;
         if most.saturating_add(more) > MAX_TRIANGLES as u64 {
@@ -41,13 +40,13 @@ impl<'a> Parts<'a> {
         Ok(())
     }
 
-    /// Adds a polygon given by the indices of its corners, with a normal for each corner,
-    /// [`DVec3::ZERO`] where there is none. Polygons with fewer than three corners are ignored.
+    /// Adds a polygon given by the indices of its corners, with one normal per corner,
+    /// [`DVec3::ZERO`] if it is missing. Polygons with fewer than three corners are ignored.
     ///
     /// # Panics
-    /// If there is not one normal for each corner.
+    /// If the numbers of corners and normals differ.
     pub(super) fn polygon(&mut self, corners: &[u32], normals: &[DVec3]) -> Result<(), Error> {
-        assert_eq!(corners.len(), normals.len(), "a normal for each corner");
+        assert_eq!(corners.len(), normals.len(), "one normal per corner");
         if corners.len() < 3 {
             return Ok(());
         }
@@ -76,11 +75,11 @@ impl<'a> Parts<'a> {
         Ok(())
     }
 
-    /// Builds the mesh, if the parts make one.
+    /// Builds the mesh, or returns the error of [`Mesh::new`].
     pub(super) fn finish(self) -> Result<(Mesh, Soundness), Error> {
         let normals = self.any_normals.then_some(self.normals);
         Mesh::new(MeshParts { positions: self.positions, triangles: self.triangles, normals }).map_err(|e| {
-            // Its text ends with the advice.
+            // The text of the error ends with the advice.
             let text = e.to_string();
             let (problem, advice) = text.rsplit_once("; ").unwrap_or((&text, "export the mesh again"));
             Error::invalid(self.path, problem, advice)
@@ -89,7 +88,8 @@ impl<'a> Parts<'a> {
 }
 
 /// Triangulates a polygon, as indices of its corners; `None` if it is not convex and has too many
-/// corners. A polygon that crosses itself gives as many triangles, of which some overlap.
+/// corners. A polygon that intersects itself gives the same number of triangles, some of which
+/// overlap.
 fn triangulate(places: &[DVec3]) -> Option<Vec<[usize; 3]>> {
     let flat = flatten(places);
     let count = flat.len();
@@ -101,7 +101,7 @@ fn triangulate(places: &[DVec3]) -> Option<Vec<[usize; 3]>> {
     if count > MAX_CONCAVE {
         return None;
     }
-    // Ears are clipped one by one.
+    // Clips one ear at a time.
     let mut left: Vec<usize> = (0..count).collect();
     let mut triangles = Vec::with_capacity(count - 2);
     while left.len() > 3 {
@@ -158,7 +158,7 @@ mod tests {
             .collect();
         let comb = places(&comb);
         for (polygon, want) in [(&arrow, 0.5), (&comb, 19.0 * 3.0)] {
-            // Independent of which corner comes first.
+            // The area does not depend on the first corner.
             for shift in 0..polygon.len() {
                 let mut turned = polygon.clone();
                 turned.rotate_left(shift);
@@ -170,7 +170,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_cut_up_still_ends() {
+    fn triangulation_of_degenerate_polygons_terminates() {
         let crossed = places(&[(0.0, 0.0), (1.0, 1.0), (1.0, 0.0), (0.0, 1.0), (0.5, 3.0)]);
         assert_eq!(triangulate(&crossed).unwrap().len(), 3);
         assert_eq!(triangulate(&[DVec3::ONE; 9]).unwrap().len(), 7);

@@ -14,9 +14,9 @@ use super::MAX_TRIANGLES;
 use super::parts::Parts;
 use crate::{Error, guard};
 
-/// Longest header.
+/// Longest header in bytes.
 const LONGEST_HEADER: usize = 1 << 16;
-/// Longest line of text; a line takes ten times its length while it is read.
+/// Longest line of text in bytes; reading it takes ten times its length in memory.
 const LONGEST_LINE: usize = 1 << 20;
 
 pub(super) fn decode(path: &Path, bytes: &[u8]) -> Result<(Mesh, Soundness), Error> {
@@ -81,10 +81,11 @@ pub(super) fn decode(path: &Path, bytes: &[u8]) -> Result<(Mesh, Soundness), Err
     })
 }
 
-/// Names of the property with the corners.
+/// Names of the property with the corners of a face.
 const FACES: [&str; 2] = ["vertex_indices", "vertex_index"];
 
-/// Checks that the header ends, so that its end is not searched for in hundreds of megabytes.
+/// Checks that the header ends, so that the parser does not search hundreds of megabytes for its
+/// end.
 fn check_header(path: &Path, bytes: &[u8]) -> Result<(), Error> {
     let start = &bytes[..bytes.len().min(LONGEST_HEADER)];
     if start.windows(10).any(|w| w == b"end_header") {
@@ -101,7 +102,7 @@ fn check_lines(path: &Path, text: &[u8]) -> Result<(), Error> {
     Ok(())
 }
 
-/// Checks that the bytes after the header can hold as many elements as it promises.
+/// Checks that the bytes after the header can hold as many elements as it declares.
 fn check_counts(path: &Path, header: &Header, bytes: usize) -> Result<(), Error> {
     let mut least = 0_usize;
     for element in header.elements.values() {
@@ -111,7 +112,7 @@ fn check_counts(path: &Path, header: &Header, bytes: usize) -> Result<(), Error>
         }
         least = least.saturating_add(element.count.saturating_mul(least_size(element, header.encoding)));
     }
-    // The last line of a text may lack its end.
+    // The last line of a text file may lack its line break.
     if least > bytes.saturating_add(1) {
         let problem = format!("declares elements of at least {least} bytes, but has {bytes} after its header");
         return Err(Error::damaged(path, problem));
@@ -119,7 +120,7 @@ fn check_counts(path: &Path, header: &Header, bytes: usize) -> Result<(), Error>
     Ok(())
 }
 
-/// Returns the fewest bytes that an element takes, at least one.
+/// Returns the smallest size of an element in bytes, at least one.
 fn least_size(element: &ElementDef, encoding: Encoding) -> usize {
     let size = |t: &ScalarType| match (encoding, t) {
         // A digit and a separator.
@@ -136,7 +137,7 @@ fn least_size(element: &ElementDef, encoding: Encoding) -> usize {
 }
 
 fn explain(path: &Path, error: &ParseError) -> Error {
-    // Its later lines repeat the line of the file, which may be long.
+    // Later lines of the message quote the line of the file, which may be long.
     let text = error.to_string();
     let first = text.lines().next().unwrap_or_default();
     match error.kind() {
@@ -145,7 +146,7 @@ fn explain(path: &Path, error: &ParseError) -> Error {
     }
 }
 
-/// Properties read of a vertex.
+/// Properties of a vertex that are read.
 #[derive(Default)]
 struct Vertex {
     place: DVec3,
@@ -182,7 +183,7 @@ impl PropertyAccess for Vertex {
     }
 }
 
-/// Corners of a face. Negative indices become one that no mesh has.
+/// Corners of a face. Negative indices become `u32::MAX`, which no mesh has.
 #[derive(Default)]
 struct Face {
     corners: Vec<u32>,
@@ -234,7 +235,7 @@ mod tests {
     const SQUARE: [[f64; 3]; 4] = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]];
 
     #[test]
-    fn text_of_all_kinds_is_read() {
+    fn reads_text_files_with_all_index_types() {
         for (list, faces, triangles) in [
             ("uchar int vertex_indices", "4 0 1 2 3\n", 2),
             ("uint8 uint32 vertex_index", "4 0 1 2 3", 2),
@@ -275,7 +276,7 @@ mod tests {
     }
 
     #[test]
-    fn binary_files_of_both_orders_are_read() {
+    fn reads_binary_files_of_both_byte_orders() {
         for big in [false, true] {
             let (mesh, soundness) = read(&binary(big)).unwrap();
             assert_eq!((soundness.triangles, soundness.normals_computed), (2, false));
@@ -285,7 +286,7 @@ mod tests {
     }
 
     #[test]
-    fn headers_that_lie_are_refused_before_memory_is_taken() {
+    fn inconsistent_headers_are_rejected_before_allocation() {
         let good = String::from_utf8_lossy(&binary(false)[..300]).into_owned();
         let header = &good[..good.find("end_header").unwrap() + 11];
         for (from, to, kind, says) in [
@@ -315,7 +316,7 @@ mod tests {
     }
 
     #[test]
-    fn indices_that_are_none_are_refused() {
+    fn invalid_indices_are_rejected() {
         for corners in ["3 0 1 4", "3 0 1 -1", "5 0 1 2 3 7"] {
             let text = format!(
                 "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n\

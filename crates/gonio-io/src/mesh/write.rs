@@ -4,9 +4,9 @@ use std::fmt::Write;
 
 use gonio::shape::Mesh;
 
-/// Encodes binary little-endian PLY: positions in double, normals in float precision. As PLY has
-/// one normal per vertex, every corner of a triangle becomes a vertex of its own; reading joins
-/// them again by their positions.
+/// Encodes binary little-endian PLY: positions in double, normals in float precision. PLY has one
+/// normal per vertex, so every corner of a triangle becomes a separate vertex; reading merges
+/// vertices of the same position.
 pub fn encode_ply(mesh: &Mesh) -> Vec<u8> {
     let triangles = mesh.triangles();
     let mut bytes = format!(
@@ -31,11 +31,11 @@ pub fn encode_ply(mesh: &Mesh) -> Vec<u8> {
     bytes
 }
 
-/// Encodes OBJ with a normal for each corner of each triangle. The numbers written read back
+/// Encodes OBJ with a normal for each corner of each triangle. Reading restores the numbers
 /// exactly.
 pub fn encode_obj(mesh: &Mesh) -> Vec<u8> {
     let mut text = String::new();
-    let written = "text can be written";
+    let written = "writing to a String cannot fail";
     for p in mesh.positions() {
         writeln!(text, "v {} {} {}", p.x, p.y, p.z).expect(written);
     }
@@ -59,7 +59,7 @@ mod tests {
     use gonio::shape::MeshParts;
 
     #[test]
-    fn meshes_come_back() {
+    fn meshes_round_trip() {
         let positions = (0..40).map(|i| f64::from(i) / 7.0).map(|t| DVec3::new(t.cos(), t.sin(), 0.1 * t));
         let positions: Vec<DVec3> = positions.collect();
         let triangles: Vec<[u32; 3]> = (0..38).map(|i| [i, i + 1, i + 2]).collect();

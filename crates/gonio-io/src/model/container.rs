@@ -18,7 +18,7 @@ const HASH: &str = "blake3";
 /// Placeholder for the hash while hashing.
 const BLANK: [u8; 64] = [b'0'; 64];
 
-/// Metadata of a file that is being written: sorted, so that equal models make equal files.
+/// Metadata of a file that is being written: sorted, so that equal models give identical files.
 pub(super) type Metadata = BTreeMap<&'static str, String>;
 
 /// A named array to be written.
@@ -51,8 +51,10 @@ enum Entry<'a> {
     Tensor { dtype: Dtype, shape: &'a [usize], data_offsets: (usize, usize) },
 }
 
-/// Encodes a file. The crate's own writer keeps metadata in a `HashMap`, whose order changes from
-/// run to run. Tensors should come with the widest type first, which keeps all aligned.
+/// Encodes a file.
+///
+/// The writer of `safetensors` keeps metadata in a `HashMap`, whose order changes between runs.
+/// Tensors of the widest type should come first, which keeps all tensors aligned.
 pub(super) fn encode(content: Content, mut metadata: Metadata, tensors: &[Tensor]) -> Vec<u8> {
     metadata.insert("format", "gonio".into());
     metadata.insert("version", VERSION.into());
@@ -77,14 +79,14 @@ pub(super) fn encode(content: Content, mut metadata: Metadata, tensors: &[Tensor
     file
 }
 
-/// Writes the hash of a file into it, at the place of its digits.
+/// Computes the hash of a file with blanked digits and writes it at the index `at`.
 fn seal(file: &mut [u8], at: usize) {
     file[at..at + BLANK.len()].copy_from_slice(&BLANK);
     let hash = blake3::hash(file).to_hex();
     file[at..at + BLANK.len()].copy_from_slice(hash.as_bytes());
 }
 
-/// Rounds the 32-bit numbers of an undamaged file to `digits` binary digits, of which they have 24.
+/// Rounds the 32-bit numbers of an undamaged file to `digits` of their 24 binary digits.
 pub(super) fn rounded(path: &Path, bytes: &[u8], content: Content, digits: u32) -> Result<Vec<u8>, Error> {
     let hash = Container::decode(path, bytes, content)?.text(HASH)?.to_owned();
     let (length, header) = SafeTensors::read_metadata(bytes).map_err(|e| unreadable(path, bytes, &e))?;
@@ -120,7 +122,7 @@ impl<'a> Container<'a> {
             let problem = "is a safetensors file, but was not written by gonio";
             return Err(Error::invalid(path, problem, format!("specify {}", content.wanted())));
         }
-        // Checked before anything else of the content, whose form may differ.
+        // Checked first, because other versions may have another layout.
         if entry("version") != Some(VERSION) {
             let found = entry("version").unwrap_or("unknown");
             let problem = format!("has format version {found}, but version {VERSION} is required");
@@ -140,7 +142,7 @@ impl<'a> Container<'a> {
         Ok(Self { path, content, metadata, tensors })
     }
 
-    /// Error in content that is undamaged, and so was written wrongly.
+    /// Returns an error for content that is undamaged but was written incorrectly.
     pub(super) fn wrong(&self, problem: impl Into<String>) -> Error {
         Error::invalid(self.path, problem, format!("write it again with `{}`", self.content.command()))
     }
@@ -153,7 +155,7 @@ impl<'a> Container<'a> {
         serde_json::from_str(self.text(name)?).map_err(|e| self.wrong(format!("has invalid metadata \"{name}\": {e}")))
     }
 
-    /// Whether the metadata have this entry.
+    /// Returns whether the metadata contain the entry `name`.
     pub(super) fn says(&self, name: &str) -> bool {
         self.metadata.contains_key(name)
     }
@@ -163,7 +165,7 @@ impl<'a> Container<'a> {
         Ok((shape, little_endian::f32s(bytes)))
     }
 
-    /// Returns a tensor of any shape, if there is one of the type.
+    /// Returns the 32-bit tensor `name` of any shape, if there is one.
     pub(super) fn any_f32s(&self, name: &str) -> Option<(Vec<usize>, Vec<f32>)> {
         let found = self.tensors.tensor(name).ok().filter(|t| t.dtype() == Dtype::F32)?;
         Some((found.shape().to_vec(), little_endian::f32s(found.data())))
@@ -195,7 +197,7 @@ fn find(bytes: &[u8], what: &[u8]) -> Option<usize> {
     bytes.windows(what.len()).position(|w| w == what)
 }
 
-/// Whether `hash` is the hash of the file with its own digits blanked.
+/// Returns whether `hash` is the hash of the file with the digits of the hash blanked.
 fn intact(header: &[u8], data: &[u8], hash: Option<&str>) -> bool {
     let Some(hash) = hash.filter(|h| h.len() == BLANK.len()) else { return false };
     let Some(at) = find(header, hash.as_bytes()) else { return false };
@@ -205,7 +207,7 @@ fn intact(header: &[u8], data: &[u8], hash: Option<&str>) -> bool {
 }
 
 fn unreadable(path: &Path, bytes: &[u8], error: &SafeTensorError) -> Error {
-    // The header is JSON and begins after its length.
+    // The header is JSON and follows its 8-byte length.
     if bytes.get(8) != Some(&b'{') {
         let advice = "use a file that `gonio train` wrote";
         return Error::unsupported(path, "is not a model: it does not have the header of a safetensors file", advice);

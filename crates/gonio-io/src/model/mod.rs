@@ -1,8 +1,8 @@
-//! Trained models and their two halves, the prior of light and the basis of reflectance.
+//! Trained models and their parts: light prior, reflectance basis and posterior of materials.
 //!
 //! The format is described in `docs/model-format.md`: a safetensors file, versioned, with a
-//! checksum. Equal models make equal files. Models that are read have passed the checks of
-//! [`gonio::model`]; a model that fails them can be encoded, but not decoded.
+//! checksum. Equal models give identical files. Decoding applies the checks of [`gonio::model`];
+//! encoding does not.
 
 mod container;
 mod posterior;
@@ -20,7 +20,7 @@ use serde::{Deserialize, Serialize};
 use crate::{Error, guard};
 use container::{Container, Metadata, Tensor};
 
-/// Longest file read, 64 MiB: two hundred times what ten functions and a hundred materials take.
+/// Longest file read, 64 MiB: two hundred times the size of ten functions and a hundred materials.
 const MAX_BYTES: u64 = 64 << 20;
 
 /// Kind of content of a file.
@@ -60,7 +60,7 @@ impl Content {
         format!("gonio train {}", self.name())
     }
 
-    /// Describes the file to give instead of a wrong one.
+    /// Describes the expected file, for the advice of an error.
     fn wanted(self) -> String {
         format!("a file written by `{}`", self.command())
     }
@@ -102,11 +102,11 @@ fn encode(content: Content, mut metadata: Metadata, provenance: &str, tensors: &
     container::encode(content, metadata, tensors)
 }
 
-/// Decodes a model held in memory; `path` serves the messages only.
+/// Decodes a model held in memory; `path` is only used in error messages.
 ///
 /// # Errors
-/// If the bytes are not a model of this version, or are damaged, incomplete, or inconsistent as
-/// [`Model::check`] finds.
+/// If the bytes are not a model of this version, are damaged or incomplete, or fail
+/// [`Model::check`].
 pub fn decode_model(path: &Path, bytes: &[u8]) -> Result<Model, Error> {
     let file = Container::decode(path, bytes, Content::Model)?;
     let posterior = file.says(posterior::NAMES).then(|| posterior::of(&file)).transpose()?;
@@ -114,8 +114,8 @@ pub fn decode_model(path: &Path, bytes: &[u8]) -> Result<Model, Error> {
     Ok(Model { light, reflectance, learnt: posterior, provenance: provenance(&file)? })
 }
 
-/// Decodes a light prior held in memory, and the note of its origin; `path` serves the messages
-/// only.
+/// Decodes a light prior held in memory, and the note of its origin; `path` is only used in error
+/// messages.
 ///
 /// # Errors
 /// See [`decode_model`].
@@ -124,8 +124,8 @@ pub fn decode_lighting(path: &Path, bytes: &[u8]) -> Result<(LightPrior, String)
     Ok((lighting(&file)?, provenance(&file)?))
 }
 
-/// Decodes a reflectance basis held in memory, and the note of its origin; `path` serves the
-/// messages only.
+/// Decodes a reflectance basis held in memory, and the note of its origin; `path` is only used in
+/// error messages.
 ///
 /// # Errors
 /// See [`decode_model`].
@@ -134,8 +134,8 @@ pub fn decode_reflectance(path: &Path, bytes: &[u8]) -> Result<(ReflectanceBasis
     Ok((reflectance(&file)?, provenance(&file)?))
 }
 
-/// Decodes a posterior of materials held in memory, and the note of its origin; `path` serves the
-/// messages only.
+/// Decodes a posterior of materials held in memory, and the note of its origin; `path` is only used
+/// in error messages.
 ///
 /// # Errors
 /// See [`decode_model`].
@@ -144,7 +144,7 @@ pub fn decode_posterior(path: &Path, bytes: &[u8]) -> Result<(LearntPosterior, S
     Ok((posterior::of(&file)?, provenance(&file)?))
 }
 
-/// Decodes the model built into the program; `model/PROVENANCE.md` says what it was trained on.
+/// Decodes the model built into the program; `model/PROVENANCE.md` lists its training data.
 ///
 /// # Errors
 /// Never in a build that passed its tests.
@@ -173,8 +173,9 @@ pub const EMBEDDED_SOURCES: &str = "\
 100 materials of the MERL database, reconstructed: CC BY-SA 4.0 according to its readme of
   2023, research use only according to that of 2006";
 
-/// Decodes the prior of light for the paper's version of the inference: the map of Praun and Hoppe,
-/// each light at one azimuth.
+/// Decodes the light prior for the paper's version of the inference.
+///
+/// It uses the map of Praun and Hoppe and contains each light at one azimuth.
 ///
 /// # Errors
 /// Never in a build that passed its tests.
@@ -191,7 +192,7 @@ pub fn read_model(path: impl AsRef<Path>) -> Result<Model, Error> {
     decode_model(path.as_ref(), &guard::read_whole(path.as_ref(), MAX_BYTES)?)
 }
 
-/// Reads the bytes of any of these files, for later decoding.
+/// Reads the bytes of any of these files without decoding them.
 ///
 /// # Errors
 /// If the file cannot be read.

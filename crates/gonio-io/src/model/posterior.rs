@@ -13,10 +13,10 @@ pub(super) const NAMES: &str = "posterior";
 /// Metadata entry with the sizes of the encoder's layers.
 const SHAPE: &str = "encoder";
 
-/// Metadata entry with the model of colours, which files without colours lack.
+/// Metadata entry with the model of colours; files without colours do not have it.
 const COLOURS: &str = "channels";
 
-/// Prefix of the names of the encoder's own tensors.
+/// Prefix of the names of the encoder's tensors.
 const ENCODER: &str = "encoder.";
 
 /// Prefix of the names of the tensors of measured materials.
@@ -57,7 +57,7 @@ pub(super) fn parts(learnt: &LearntPosterior) -> (Metadata, Vec<Tensor>) {
     (metadata, tensors)
 }
 
-/// Reads the posterior from what [`parts`] made.
+/// Reads a posterior that [`parts`] encoded.
 pub(super) fn of(file: &Container<'_>) -> Result<LearntPosterior, Error> {
     let wrong = |e: String| file.wrong(format!("contains an invalid model: {e}"));
     let cells = [Some(THETA_H), Some(THETA_D)];
@@ -69,7 +69,7 @@ pub(super) fn of(file: &Container<'_>) -> Result<LearntPosterior, Error> {
     let (_, ranges) = file.f32s("ranges", &[None, Some(2)])?;
     let ranges = ranges.chunks_exact(2).map(|r| (r[0], r[1])).collect();
     let shape: EncoderShape = file.json(SHAPE)?;
-    // Checked before memory is taken in proportion.
+    // Checked before memory is allocated in proportion.
     shape.check().map_err(|e| wrong(e.to_string()))?;
     let find = |name: &str| file.any_f32s(&format!("{ENCODER}{name}"));
     let encoder = Encoder::from_tensors(shape, find).map_err(|e| wrong(e.to_string()))?;

@@ -1,4 +1,4 @@
-//! Tests of model files: round trips, and refused files.
+//! Tests of model files: round trips and rejected files.
 
 use std::sync::LazyLock;
 
@@ -12,7 +12,7 @@ use gonio::sphere::OctahedralMap;
 use super::*;
 use crate::Kind;
 
-/// A model with numbers that a careless text format would round, and with odd names.
+/// A model with numbers that need full precision and names that need escapes.
 fn toy(k: usize, materials: usize) -> Model {
     let number = |i: usize| 1.0 / (3.0 + i as f64 + 1e-9 * (i * i) as f64);
     let groups = (0..PriorGroup::all(5).len()).map(|i| match i {
@@ -72,7 +72,7 @@ fn forged(bytes: &[u8], old: &str, new: &str) -> Vec<u8> {
 }
 
 #[test]
-fn models_and_halves_come_back_as_they_were() {
+fn models_and_parts_round_trip() {
     for model in [toy(10, 100), toy(1, 0)] {
         assert_eq!(decode(&encode_model(&model)).unwrap(), model);
         let path = Path::new("a.gonio");
@@ -88,7 +88,7 @@ fn files_are_small_aligned_and_equal_for_equal_models() {
     let bytes = encode_model(&toy(10, 100));
     assert_eq!(bytes, encode_model(&toy(10, 100)));
     assert!(bytes.len() < 400_000, "{}", bytes.len());
-    // As other programs read it.
+    // Other programs read the file by `safetensors`.
     let file = safetensors::SafeTensors::deserialize(&bytes).unwrap();
     assert_eq!(file.tensor("functions").unwrap().shape(), [10, 90, 90]);
     for (name, tensor) in file.iter() {
@@ -98,7 +98,7 @@ fn files_are_small_aligned_and_equal_for_equal_models() {
 }
 
 #[test]
-fn the_papers_prior_has_its_map_and_keeps_horizontal_and_vertical_apart() {
+fn the_prior_of_the_paper_separates_horizontal_and_vertical() {
     use gonio::lighting::PriorGroup;
     use gonio::sphere::{OctahedralMap, Orientation};
     let prior = crate::model::lighting_of_paper().unwrap();
@@ -122,7 +122,7 @@ fn files_on_disk_are_read() {
 }
 
 #[test]
-fn other_files_versions_and_kinds_are_told_apart() {
+fn other_files_versions_and_kinds_are_rejected() {
     refused(decode(b"\x89PNG\r\n\x1a\nxxxxxxxxxxxx"), Kind::Unsupported, &["not a model", "gonio train"]);
     refused(decode(b""), Kind::Unsupported, &["not a model"]);
     let foreign = b"\x14\0\0\0\0\0\0\0{\"__metadata__\":{} }";
@@ -178,9 +178,9 @@ fn every_truncation_is_an_error() {
 }
 
 #[test]
-fn every_flipped_byte_is_noticed() {
-    // A small linear congruential generator: positions all over the file, and all of the header's
-    // first bytes.
+fn every_flipped_bit_is_detected() {
+    // A linear congruential generator gives positions in the file and in its header; in addition,
+    // the loop covers each of the first 300 bytes.
     let mut state = 7_u64;
     let mut next = |n: usize| {
         state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
@@ -231,7 +231,7 @@ static KNOWING: LazyLock<Model> = LazyLock::new(|| {
     Model { learnt: Some(posterior), ..toy(1, 2) }
 });
 
-/// A model of colours for so many coordinates.
+/// A model of colours with `dimensions` coordinates.
 fn colours(dimensions: usize) -> ColourModel {
     let size = dimensions + 1;
     let round = |variance: f64| -> Vec<Vec<f64>> {
@@ -246,7 +246,7 @@ fn colours(dimensions: usize) -> ColourModel {
 }
 
 #[test]
-fn posteriors_come_back_as_they_were() {
+fn posteriors_round_trip() {
     let model = &*KNOWING;
     assert_eq!(&decode(&encode_model(model)).unwrap(), model);
     let alone = encode_posterior(model.learnt.as_ref().unwrap(), "from both");
@@ -256,7 +256,7 @@ fn posteriors_come_back_as_they_were() {
 }
 
 #[test]
-fn encoders_that_cannot_be_are_refused() {
+fn inconsistent_encoders_are_rejected() {
     let bytes = encode_model(&KNOWING);
     for (old, new, says) in [
         ("encoder.outputs.bias", "encoder.outputs.bies", "outputs.bias"),
@@ -268,7 +268,7 @@ fn encoders_that_cannot_be_are_refused() {
 }
 
 #[test]
-fn posteriors_that_cannot_be_are_refused() {
+fn inconsistent_posteriors_are_rejected() {
     let spoilt = |spoil: fn(&mut LearntPosterior), says: &str| {
         let mut model = KNOWING.clone();
         spoil(model.learnt.as_mut().unwrap());
@@ -287,7 +287,7 @@ fn posteriors_that_cannot_be_are_refused() {
 }
 
 #[test]
-fn a_rounded_model_is_near_to_the_whole_one() {
+fn a_rounded_model_is_close_to_the_original() {
     let learnt = |model: Model| model.learnt.unwrap();
     let (whole, bytes) = (learnt(embedded().unwrap()), embedded_rounded(14).unwrap());
     let rounded = learnt(decode(&bytes).unwrap());
@@ -301,7 +301,7 @@ fn a_rounded_model_is_near_to_the_whole_one() {
 }
 
 #[test]
-fn the_sources_that_are_named_are_those_of_the_model() {
+fn the_listed_sources_match_the_model() {
     let lines = || super::EMBEDDED_SOURCES.lines().filter(|line| !line.starts_with(' '));
     let number = |line: &str| line.split(' ').next().unwrap().parse::<usize>().unwrap();
     let count = |what: &str| lines().filter(|line| line.contains(what)).map(number).sum::<usize>();
@@ -310,7 +310,7 @@ fn the_sources_that_are_named_are_those_of_the_model() {
     assert_eq!(count("materials"), model.reflectance.materials.len());
     assert_eq!(super::lighting_of_paper().unwrap().lights, model.light.lights);
 
-    // The same as the long text says.
+    // The counts agree with the provenance document.
     let text = include_str!("../../model/PROVENANCE.md");
     for (heading, whose) in [("Poly Haven", "Poly Haven"), ("sIBL Archive", "sIBL"), ("Others", "others")] {
         let line = lines().find(|line| line.contains(whose)).unwrap();

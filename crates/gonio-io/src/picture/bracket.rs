@@ -1,4 +1,4 @@
-//! Reads brackets: integer images of one scene, and the exposure of each.
+//! Reads brackets: integer images of one scene and the exposure of each image.
 
 use std::path::{Path, PathBuf};
 
@@ -13,13 +13,13 @@ use super::{Decoded, Encoding, Format, InputSpace, ReadOptions, Shot, integer};
 use crate::colour_space::ColourSpace;
 use crate::{Error, guard};
 
-/// Largest number of pixels of all pictures of a bracket together.
+/// Largest total number of pixels in a bracket.
 const MOST_PIXELS: u64 = 1 << 29;
 
 /// Options for reading a bracket.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct BracketOptions {
-    /// Exposure time of each file in seconds, instead of EXIF data; positive, as many as files.
+    /// Exposure time of each file in seconds, instead of EXIF data; all are positive.
     pub times: Option<Vec<f64>>,
     /// Limits of each picture. [`ReadOptions::linear`] has no effect, as codes are not decoded.
     pub read: ReadOptions,
@@ -36,7 +36,7 @@ pub struct Bracket {
     pub shots: Vec<Shot>,
     /// Whether the codes are linear radiance because they come from a camera's raw files.
     pub linear: bool,
-    /// Colour space of the files, the same of all.
+    /// Colour space of all files.
     pub input: InputSpace,
     /// Conversion of the merged picture.
     conversion: Conversion,
@@ -44,7 +44,8 @@ pub struct Bracket {
 
 impl Bracket {
     /// Wraps the merged picture, whose colours are linear in the primaries of the files, for
-    /// [`Decoded::into_working`]. `clip_level` is the radiance at or above which nothing is known.
+    /// [`Decoded::into_working`]. `clip_level` is the radiance at or above which a channel is
+    /// clipped.
     pub fn decoded(&self, picture: Picture, clip_level: f32) -> Decoded {
         let Self { input, conversion, .. } = self;
         let (encoding, full_scale) = (Encoding::LinearFloat, Some(clip_level));
@@ -66,8 +67,9 @@ struct Coded {
 /// a bracket.
 ///
 /// The amount of light of each is its exposure time times its ISO sensitivity over the square of
-/// its f-number; a sensitivity or f-number that no file gives is taken as the same for all. With
-/// [`BracketOptions::times`] it is the given time alone. A single file needs none of these.
+/// its f-number; if no file states the sensitivity or the f-number, it is assumed to be the same
+/// for all. With [`BracketOptions::times`], the amount is the given time alone. A single file needs
+/// none of these.
 ///
 /// # Errors
 /// If a file cannot be read, is damaged or holds no integers; if files differ in size, depth or
@@ -77,14 +79,14 @@ pub fn read_bracket(paths: &[PathBuf], options: &BracketOptions) -> Result<Brack
     for path in paths {
         let bytes = guard::read_whole(path, options.read.max_bytes())?;
         files.push((path.as_path(), decode_codes(path, &bytes, &options.read)?));
-        // Checked before the rest is read.
+        // Fails before the remaining files are read.
         check_alike(&files)?;
     }
     assemble(files, options)
 }
 
-/// Decodes a bracket held in memory; the paths serve the messages only. The rest is as in
-/// [`read_bracket`].
+/// Decodes a bracket held in memory, like [`read_bracket`]; the paths are only used in error
+/// messages.
 ///
 /// # Errors
 /// Like [`read_bracket`].
@@ -117,8 +119,8 @@ fn decode_codes(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Code
     Ok(Coded { codes, alpha, orientation, shot: Shot::of(bytes), linear: false, space })
 }
 
-/// Returns the colour space of the merged radiance. A table in an ICC profile is for codes, not for
-/// radiance.
+/// Returns the colour space of the merged radiance. A table in an ICC profile applies to codes, not
+/// to radiance.
 fn space_of(stated: Stated, is_grey: bool, given: Option<ColourSpace>) -> (Conversion, InputSpace) {
     match stated.space {
         _ if is_grey => (Conversion::None, InputSpace::unconverted("grey", SpaceSource::Grey)),
@@ -159,7 +161,7 @@ fn codes_of(
     })
 }
 
-/// Checks the last of some files against the first.
+/// Checks the last file against the first.
 fn check_alike(files: &[(&Path, Coded)]) -> Result<(), Error> {
     let [(first_path, first), .., (path, last)] = files else { return Ok(()) };
     let other = first_path.display();
@@ -226,7 +228,7 @@ fn amounts(files: &[(&Path, Coded)], times: Option<&[f64]>) -> Result<Vec<f64>, 
     if files.len() == 1 {
         return Ok(vec![1.0]);
     }
-    // A factor that some files give and others do not cannot be taken as constant.
+    // A factor that only some files state cannot be assumed to be constant.
     let factor = |what: &str, of: fn(&Shot) -> Option<f64>| -> Result<Vec<f64>, Error> {
         let told: Vec<_> = files.iter().map(|(_, f)| of(&f.shot)).collect();
         if told.iter().all(Option::is_none) {

@@ -5,15 +5,14 @@ use moxcms::{ToneCurveEvaluator, ToneReprCurve, TransferCharacteristics};
 
 use crate::colour_space::ColourSpace;
 
-/// Largest difference from the curve of sRGB, or from a straight line, up to which a curve is that
-/// one: files round curves.
+/// Largest difference up to which a curve counts as sRGB or linear; files round their curves.
 const SAME_CURVE: f32 = 1e-3;
 
-/// Exponent that moxcms applies to HLG to pass from the scene to a display (ITU-R BT.2100, table
-/// 5); a photograph needs the light of the scene.
+/// Exponent by which moxcms converts HLG from scene light to display light (ITU-R BT.2100, table
+/// 5). Photographs need scene light.
 const HLG_SYSTEM_GAMMA: f32 = 1.2;
 
-/// The curve by which codes in 0..=1 become linear values.
+/// Curve from codes in 0..=1 to linear values.
 pub(super) enum Curve {
     /// IEC 61966-2-1.
     Srgb,
@@ -23,17 +22,17 @@ pub(super) enum Curve {
     Other([Channel; 3]),
 }
 
-/// The curve of one channel.
+/// Curve of one channel.
 pub(super) enum Channel {
-    /// Codes to this power.
+    /// Power of the code.
     Power(f32),
-    /// A curve of an ICC profile, or of ITU-T H.273, with a power of its result.
+    /// A curve of an ICC profile, or of ITU-T H.273, and a power applied to its result.
     Evaluated(Box<dyn ToneCurveEvaluator + Send + Sync>, f32),
 }
 
 impl Curve {
-    /// Builds the curve with an exponent, `1 / gamma` of the chunk `gAMA`. The usual 1/2.2 stands
-    /// for sRGB, for which programs write it.
+    /// Builds the curve with an exponent, `1 / gamma` of the chunk `gAMA`. The usual 1/2.2 means
+    /// sRGB, because programs write it for sRGB images.
     pub(super) fn power(exponent: f64) -> Self {
         if (exponent - 2.2).abs() < 0.01 {
             return Self::Srgb;
@@ -41,14 +40,14 @@ impl Curve {
         Self::other([0; 3].map(|_| Channel::Power(exponent as f32)))
     }
 
-    /// Builds the curve of the transfer characteristics of ITU-T H.273; `None` if the number has
-    /// none.
+    /// Builds the curve of the transfer characteristics of ITU-T H.273; `None` if the code defines
+    /// no curve.
     pub(super) fn of_cicp(code: u8) -> Option<Self> {
         let transfer = TransferCharacteristics::try_from(code).ok()?;
         let power = if transfer == TransferCharacteristics::Hlg { 1.0 / HLG_SYSTEM_GAMMA } else { 1.0 };
         let channel = || {
             let curve = match transfer {
-                // Without the rounding of a table.
+                // This evaluator avoids the rounding of a table.
                 TransferCharacteristics::Smpte2084 => ToneReprCurve::make_cicp_linear_evaluator(transfer).ok()?,
                 _ => ToneReprCurve::try_from(transfer).ok()?.make_linear_evaluator().ok()?,
             };
@@ -66,7 +65,7 @@ impl Curve {
         (0..=255).all(is_sound).then_some(curve)
     }
 
-    /// Returns the curve by which integer files of a space are coded.
+    /// Returns the curve of integer files of a space.
     pub(super) fn of_space(space: ColourSpace) -> Self {
         match space {
             ColourSpace::Rec709 | ColourSpace::DisplayP3 => Self::Srgb,
@@ -76,7 +75,7 @@ impl Curve {
         }
     }
 
-    /// Recognises sRGB and straight lines.
+    /// Builds a curve of three channels and recognises sRGB and linear curves.
     fn other(channels: [Channel; 3]) -> Self {
         let curve = Self::Other(channels);
         let all = |of: &dyn Fn(f32) -> f32| {
@@ -91,8 +90,8 @@ impl Curve {
         }
     }
 
-    /// Returns the linear value of a code. Curves are odd, and beyond 1, where float files may go,
-    /// those of profiles and of ITU-T H.273 continue as a power.
+    /// Returns the linear value of a code. Curves are odd functions. Beyond 1, which occurs in
+    /// float files, curves of profiles and of ITU-T H.273 continue as a power.
     pub(super) fn decode(&self, channel: usize, code: f32) -> f32 {
         match self {
             Self::Linear => code,
@@ -133,7 +132,7 @@ mod tests {
     }
 
     #[test]
-    fn curves_have_the_values_of_their_standards() {
+    fn curves_match_their_standards() {
         // SMPTE ST 2084: 100 and 1000 cd/m2 of 10000 are at 0.5081 and 0.7518.
         assert!((of_cicp(16, 0.508_078) * 1e4 - 100.0).abs() < 0.1);
         assert!((of_cicp(16, 0.751_827) * 1e4 - 1000.0).abs() < 1.0);
@@ -146,7 +145,7 @@ mod tests {
     }
 
     #[test]
-    fn powers_are_linear_srgb_or_themselves() {
+    fn powers_give_linear_srgb_or_power_curves() {
         assert!(matches!(Curve::power(1.0), Curve::Linear) && matches!(Curve::power(1.0 / 0.45455), Curve::Srgb));
         assert!((Curve::power(1.8).decode(0, 0.5) - 0.5_f32.powf(1.8)).abs() < 1e-6);
     }

@@ -17,7 +17,7 @@ use crate::colour_space::{ColourSpace, Primaries};
 pub(super) struct Embedded {
     /// The curve, if the file states one.
     pub(super) curve: Option<Curve>,
-    /// The space.
+    /// The colour space.
     pub(super) stated: Stated,
     /// Whether codes use the narrow range of video, 16 to 235 of 8 bits.
     pub(super) narrow: bool,
@@ -37,7 +37,7 @@ impl Embedded {
         if format == ImageFormat::Png {
             return Ok(Self::of_png(colour_chunks(path, bytes)?));
         }
-        // Metadata that cannot be read are no reason to reject the picture.
+        // Unreadable metadata must not prevent reading the picture.
         let profile = match format {
             ImageFormat::Tiff => tiff::icc_profile(bytes).map(<[u8]>::to_vec),
             _ => decoder.icc_profile().ok().flatten(),
@@ -97,7 +97,7 @@ impl Embedded {
     fn of_cicp([primaries, transfer, _, full_range]: [u8; 4]) -> Self {
         let mut stated = match of_h273(primaries) {
             Some(primaries) => Stated::primaries(&primaries, SpaceSource::Cicp, "the primaries of cICP"),
-            // Unspecified: the curve alone is stated.
+            // Unspecified primaries: the file states only the curve.
             None if primaries == 2 => Stated::default(),
             None => Stated { space: None, unusable: Some(format!("the colour primaries {primaries} of cICP")) },
         };

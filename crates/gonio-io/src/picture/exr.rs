@@ -21,8 +21,7 @@ use super::{Decoded, Encoding, LayerChoice, ReadOptions};
 use crate::colour_space::{ColourSpace, Primaries};
 use crate::{Error, guard};
 
-/// Number of compressed blocks decoded at a time: enough to feed all cores, few enough to need
-/// little memory.
+/// Number of compressed blocks decoded at a time: enough to occupy all cores with little memory.
 const BATCH: usize = 64;
 
 /// Attribute with the radiance at or above which a channel is clipped.
@@ -69,7 +68,7 @@ pub(super) fn decode(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result
     Ok(Decoded { picture, encoding: Encoding::LinearFloat, full_scale: clip, layer, input, conversion })
 }
 
-/// Returns the radiance that means "clipped", if the file has one.
+/// Returns the clip level, if the file has one.
 fn clip_level(path: &Path, header: &Header) -> Result<Option<f32>, Error> {
     let name = exr::meta::attribute::Text::from(CLIP_LEVEL);
     match header.own_attributes.other.get(&name).or_else(|| header.shared_attributes.other.get(&name)) {
@@ -95,8 +94,10 @@ fn luminance_weights(chromaticities: Option<Chromaticities>, given: Option<Colou
     weights.unwrap_or(REC_709)
 }
 
-/// Reads the channels that `select` picks from the headers, at full resolution: width and height of
-/// the display window and one plane for each channel, zero outside the data window.
+/// Reads the channels that `select` returns for the headers, at full resolution.
+///
+/// Returns the width and height of the display window and one plane for each channel, zero outside
+/// the data window.
 pub(crate) fn read_channels(
     path: &Path,
     bytes: &[u8],
@@ -108,7 +109,7 @@ pub(crate) fn read_channels(
         let reader = exr::block::read(Cursor::new(bytes), false).map_err(failed)?;
         let selection = select(reader.headers())?;
         let mut canvas = Canvas::new(path, &reader.headers()[selection.layer], &selection.channels, options)?;
-        // Pedantic: an unfinished or damaged table of offsets would leave holes.
+        // Pedantic, because an incomplete or damaged offset table would leave holes.
         let mut chunks = reader
             .filter_chunks(true, |_, tile, block| block.layer == selection.layer && tile.level_index == Vec2(0, 0))
             .map_err(failed)?;
@@ -130,7 +131,7 @@ pub(crate) fn read_channels(
                 canvas.paint(path, &block, &meta, selection.layer)?;
             }
         }
-        // Every block gives its own position, so two may claim the same one.
+        // Every block states its position, so two blocks may have the same one.
         if seen.len() != expected {
             return Err(Error::damaged(path, format!("has only {} of {expected} pixel blocks", seen.len())));
         }
@@ -138,7 +139,7 @@ pub(crate) fn read_channels(
     })
 }
 
-/// The planes being filled.
+/// Planes that are filled block by block.
 struct Canvas {
     width: usize,
     height: usize,
@@ -248,7 +249,7 @@ mod tests {
     }
 
     #[test]
-    fn channels_are_found_under_their_various_names() {
+    fn selects_colour_channels_in_preference_to_others() {
         let rgb = glam::Vec3::new(1.0, 2.0, 3.0);
         assert_eq!(first(&any(&["R", "G", "B"])), (rgb, None));
         assert_eq!(first(&any(&["R", "G", "B", "A", "Z"])), (rgb, Some(4.0)));
@@ -259,7 +260,7 @@ mod tests {
     }
 
     #[test]
-    fn files_without_colour_say_what_they_hold() {
+    fn errors_list_the_channels_of_files_without_colour() {
         for (names, says) in [(&["Z", "W"][..], "W, Z"), (&["P.X", "P.Y", "P.Z"], "P.Y")] {
             let error = super::decode(Path::new("t.exr"), &any(names), &ReadOptions::default()).unwrap_err();
             assert_eq!(error.kind(), crate::Kind::Unsupported);
@@ -268,7 +269,7 @@ mod tests {
     }
 
     #[test]
-    fn programs_call_colours_and_layers_as_they_like() {
+    fn accepts_the_channel_names_of_various_programs() {
         let rgb = glam::Vec3::new(1.0, 2.0, 3.0);
         assert_eq!(first(&any(&["red", "green", "blue", "alpha"])), (rgb, Some(4.0)));
         assert_eq!(first(&any(&["Image.Red", "Image.Green", "Image.Blue"])), (rgb, None));
@@ -281,7 +282,6 @@ mod tests {
 
     #[test]
     fn luminance_and_chroma_become_colour() {
-        // Sorted by name: BY 2, RY 3, Y 0.5 as given here.
         let channel = |name: &str, v: f32| AnyChannel::new(name, FlatSamples::F32(vec![v; 6]));
         let colour = glam::Vec3::new(0.9, 0.4, 0.2);
         let y = colour.dot(glam::Vec3::new(0.2126, 0.7152, 0.0722));
@@ -290,7 +290,7 @@ mod tests {
     }
 
     #[test]
-    fn a_layer_is_chosen_by_name_and_named_where_there_are_several() {
+    fn layers_are_selected_by_name_and_reported() {
         let names = ["V.Combined.R", "V.Combined.G", "V.Combined.B", "V.Diffuse.R", "V.Diffuse.G", "V.Diffuse.B"];
         let read = |layer: Option<&str>| {
             let options = ReadOptions { layer: layer.map(str::to_owned), ..ReadOptions::default() };
@@ -346,7 +346,7 @@ mod tests {
     }
 
     #[test]
-    fn tiled_and_mip_mapped_files_give_their_full_resolution() {
+    fn reads_tiled_files_at_full_resolution() {
         let blocks = Blocks::Tiles(Vec2(2, 2));
         let encoding =
             exr::prelude::Encoding { compression: Compression::PIZ, blocks, line_order: LineOrder::Unspecified };

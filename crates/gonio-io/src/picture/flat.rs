@@ -9,23 +9,25 @@ use super::Decoded;
 use crate::Error;
 
 /// Subtracts the black level of a linear integer picture: `(v - black) / (1 - black)` with `black`
-/// a part of the full scale, 0 to less than 1. Values below it become 0. The full scale stays 1.
+/// as a fraction of the full scale in 0..1. Values below it become 0. The full scale stays 1.
 ///
 /// # Panics
 /// If `black` is not within its range.
 pub fn subtract_black(decoded: &mut Decoded, black: f32) {
-    assert!((0.0..1.0).contains(&black), "a black level below the full scale");
+    assert!((0.0..1.0).contains(&black), "the black level must be in 0..1");
     for colour in decoded.picture.rgb.as_mut_slice() {
         *colour = ((*colour - black) / (1.0 - black)).max(Vec3::ZERO);
     }
 }
 
-/// Divides a picture by a flat field, a picture of an evenly lit surface by the same camera, whose
-/// channels are first divided by their largest values: the middle of the picture keeps about its
-/// brightness, the corners become brighter.
+/// Divides a picture by a flat field.
 ///
-/// Pixels with a channel at or above `clip` are unknown: all their channels get the returned level,
-/// which is above that of all others.
+/// A flat field is a picture of an evenly lit surface by the same camera. Its channels are first
+/// divided by their largest values, so the centre of the picture keeps about its brightness and the
+/// corners become brighter.
+///
+/// Pixels with a channel at or above `clip` are clipped: all their channels get the returned level,
+/// which exceeds the values of all other pixels.
 ///
 /// # Errors
 /// If the flat field (from the file `path`) has another size, or pixels that are zero, negative or
@@ -65,7 +67,7 @@ mod tests {
     use crate::Kind;
 
     #[test]
-    fn an_even_picture_comes_out_even_and_what_was_clipped_stays_so() {
+    fn vignetting_is_removed_and_clipped_pixels_stay_clipped() {
         let flat = Plane::from_fn(20, 10, |x, y| Vec3::new(1.0, 0.5, 2.0) / (1.0 + 0.01 * (x * x + y * y) as f32));
         let rgb = flat.map(|v| 0.3 * *v);
         let mut picture = Picture { rgb, alpha: None };
@@ -77,7 +79,7 @@ mod tests {
     }
 
     #[test]
-    fn flat_fields_that_cannot_be_are_refused() {
+    fn invalid_flat_fields_are_rejected() {
         let mut picture = Picture { rgb: Plane::from_fn(4, 4, |_, _| Vec3::ONE), alpha: None };
         for flat in [Plane::from_fn(4, 3, |_, _| Vec3::ONE), Plane::from_fn(4, 4, |x, _| Vec3::splat(x as f32))] {
             let error = divide_by_flat(&mut picture, &flat, Path::new("f"), None).unwrap_err();

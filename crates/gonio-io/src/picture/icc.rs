@@ -1,7 +1,7 @@
 //! ICC profiles, by `moxcms`: tone curves with primaries, or tables.
 //!
-//! A profile with primaries and tone curves is used by these even if it has tables as well: they
-//! are exact for any radiance. Tables are evaluated by the relative colorimetric intent.
+//! Primaries and tone curves are preferred to tables, because they are exact for any radiance.
+//! Tables are evaluated by the relative colorimetric intent, or else by the perceptual one.
 
 use std::panic::catch_unwind;
 
@@ -21,7 +21,7 @@ const MAX_NAME: usize = 60;
 /// Chromaticity of D50, the white of the profile connection space (ICC.1:2022, 7.2.16).
 const D50: DVec2 = DVec2::new(0.345_7, 0.358_5);
 
-/// A profile that can be used.
+/// A usable profile.
 #[derive(Clone, Debug)]
 pub(super) enum Profile {
     /// Tone curves of red, green and blue, and the matrix from linear values to linear Rec. 709.
@@ -35,7 +35,7 @@ pub(super) enum Profile {
 /// Parses a profile of at most [`MAX_PROFILE`] bytes.
 ///
 /// # Errors
-/// If it is damaged, or of a kind that says nothing about RGB or grey values.
+/// If it is damaged, or is not a profile for RGB or grey values.
 pub(super) fn parse(bytes: &[u8]) -> Result<Profile, String> {
     let profile = load(bytes)?;
     let name = profile.description.as_ref().map(text).filter(|name| !name.is_empty());
@@ -69,7 +69,7 @@ fn load(bytes: &[u8]) -> Result<ColorProfile, String> {
         max_allowed_clut_size: MAX_PROFILE,
         ..ParsingOptions::default()
     };
-    // The parser is a third party's: no file may end the program by it.
+    // A panic of the third-party parser must not end the program.
     let parsed = catch_unwind(|| ColorProfile::new_from_slice_with_options(bytes, options));
     parsed.map_err(|_| "a damaged profile".to_owned())?.map_err(|error| error.to_string())
 }
@@ -83,7 +83,7 @@ fn from_colorants(profile: &ColorProfile) -> Option<DMat3> {
     (matrix.is_finite() && to_xyz.determinant().abs() > 1e-4).then_some(matrix)
 }
 
-/// Returns the first text of a description, short and without control characters.
+/// Returns the first text of a description, without control characters and truncated.
 fn text(text: &ProfileText) -> String {
     let text = match text {
         ProfileText::PlainString(text) => text.as_str(),
@@ -105,7 +105,7 @@ pub(super) fn apply_table(profile: &[u8], codes: &[Vec3]) -> Result<Vec<Vec3>, S
         RenderingIntent::Perceptual
     };
     let options = TransformOptions { rendering_intent, prefer_fixed_point: false, ..TransformOptions::default() };
-    // A wide space, in which no colour of a camera or display is clipped.
+    // A space with a wide gamut, in which no colour of a camera or display is clipped.
     let wide = ColorProfile::new_aces_cg_linear();
     let to_rec709 = ColourSpace::AcesCg.to_rec709().as_mat3();
     let convert = || -> Result<Vec<Vec3>, String> {

@@ -243,7 +243,8 @@ pub fn read_stream(name: &Path, stream: impl Read, options: &ReadOptions) -> Res
     guard::read_stream(name, stream, options.max_bytes())
 }
 
-/// Decodes a picture held in memory; `path` serves the messages only. The rest is as in [`read`].
+/// Decodes a picture held in memory; `path` is only used in error messages. The rest is as in
+/// [`read`].
 ///
 /// # Errors
 /// Like [`read`].

@@ -35,7 +35,7 @@ pub fn read_response(path: impl AsRef<Path>) -> Result<Response, Error> {
     decode_response(path, &guard::read_whole(path, MAX_BYTES)?)
 }
 
-/// Decodes a response curve held in memory; `path` serves the messages only.
+/// Decodes a response curve held in memory; `path` is only used in error messages.
 ///
 /// # Errors
 /// Like [`read_response`].

@@ -67,7 +67,7 @@ pub fn read(path: impl AsRef<Path>) -> Result<Rgl, Error> {
     decode(path, &guard::read_whole(path, MAX_BYTES)?)
 }
 
-/// Reads a material held in memory; `path` serves the messages only.
+/// Reads a material held in memory; `path` is only used in error messages.
 ///
 /// # Errors
 /// Like [`read`].

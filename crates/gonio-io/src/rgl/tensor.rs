@@ -33,7 +33,7 @@ pub(super) struct Tensors<'a> {
 }
 
 impl<'a> Tensors<'a> {
-    /// Finds the arrays of a file held in memory; `path` serves the messages only.
+    /// Finds the arrays of a file held in memory; `path` is only used in error messages.
     ///
     /// # Errors
     /// If the header is invalid, or refers to bytes that the file does not have.

@@ -79,7 +79,7 @@ impl<'a> Buffers<'a> {
         Some((0..count).flat_map(|i| &data[i * stride..][..size]).copied().collect())
     }
 
-    /// Returns all bytes of an accessor without gaps, with the sparse ones put in.
+    /// Returns all bytes of an accessor without gaps, with sparse values applied.
     fn bytes_of(&self, accessor: &Accessor<'_>) -> Result<Vec<u8>, Error> {
         let beyond = || self.beyond(accessor);
         let (count, size) = (accessor.count(), accessor.size());
@@ -140,8 +140,8 @@ fn embedded(data: &str) -> Option<Vec<u8>> {
     kind.ends_with(";base64").then(|| STANDARD.decode(text).ok()).flatten()
 }
 
-/// Reads a file of at most `most` bytes that the glTF file at `path` refers to as `uri`: it must be
-/// in the same folder or below.
+/// Reads a file of at most `most` bytes that the glTF file at `path` refers to as `uri`. The file
+/// must be in the same folder or below.
 pub(in crate::mesh) fn read_sibling(path: &Path, uri: &str, most: u64) -> Result<Vec<u8>, Error> {
     let outside = || {
         let problem = format!("refers to {uri:?}, which is outside its folder");

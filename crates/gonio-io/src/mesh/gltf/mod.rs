@@ -1,4 +1,4 @@
-//! glTF 2.0: the meshes of the default scene, placed by its nodes.
+//! glTF 2.0: the meshes of the default scene, transformed by its nodes.
 
 mod buffers;
 
@@ -18,8 +18,8 @@ use crate::{Error, guard};
 
 pub(super) use buffers::read_sibling;
 
-/// Largest number of JSON objects (nodes, accessors and so on); in memory each takes a hundred
-/// times the two bytes it takes at least in the file.
+/// Largest number of JSON objects (nodes, accessors and so on). In memory, an object takes a
+/// hundred times more than its minimum of two bytes in the file.
 const MAX_OBJECTS: usize = 1 << 18;
 /// Largest number of values in lists and objects, for the same reason.
 const MAX_VALUES: usize = 1 << 22;
@@ -52,7 +52,8 @@ pub(super) fn decode(path: &Path, bytes: &[u8], fetch: Fetch<'_>) -> Result<(Mes
                 }
                 let placed = match Placed::new(path, &node, pose) {
                     Ok(placed) => placed,
-                    // A node of scale zero shows nothing: some programs hide helpers so.
+                    // A node of scale zero is invisible; some programs hide helper objects this
+                    // way.
                     Err(error) if pose.is_finite() => {
                         hidden.get_or_insert(error);
                         waiting.extend(node.children().map(|child| (child, pose)));
@@ -101,10 +102,10 @@ fn split<'a>(path: &Path, bytes: &'a [u8]) -> Result<(&'a [u8], Option<&'a [u8]>
     Ok((json.ok_or_else(cut)?, None))
 }
 
-/// Parses the document, without what affects only its appearance.
+/// Parses the document without materials, textures and animations.
 fn parse(path: &Path, json: &[u8]) -> Result<Document, Error> {
     let json = json.strip_prefix(b"\xef\xbb\xbf").unwrap_or(json);
-    // Base64 has neither brackets nor commas.
+    // Base64 text contains neither braces nor commas.
     let more_than = |byte: u8, most: usize| json.iter().filter(|b| **b == byte).nth(most).is_some();
     if more_than(b'{', MAX_OBJECTS) || more_than(b',', MAX_VALUES) {
         let problem = format!("has more than {MAX_OBJECTS} parts or {MAX_VALUES} values");
@@ -123,7 +124,7 @@ fn parse(path: &Path, json: &[u8]) -> Result<Document, Error> {
         }
     }
     let compressed = root.extensions_used.iter().find(|name| name.ends_with("_compression")).cloned();
-    // Errors in materials are no reason to refuse a shape.
+    // Errors in materials must not prevent reading the shape.
     root.meshes.iter_mut().flat_map(|m| &mut m.primitives).for_each(|p| p.material = None);
     root.materials.clear();
     root.textures.clear();

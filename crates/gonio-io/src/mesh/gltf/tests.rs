@@ -28,8 +28,8 @@ fn glb(json: &Value, bin: &[u8]) -> Vec<u8> {
     bytes
 }
 
-/// Bytes of the unit square's four corners, of its four normals along z, and of the indices of its
-/// two triangles in 8, 16 and 32 bits.
+/// Returns JSON and bytes of a unit square: its four corners, four normals along z, and the indices
+/// of its two triangles in 8, 16 and 32 bits.
 fn square() -> (Value, Vec<u8>) {
     let floats = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0_f32]];
     let mut bin: Vec<u8> = floats.iter().flatten().flat_map(|v| v.to_le_bytes()).collect();
@@ -67,7 +67,7 @@ fn square() -> (Value, Vec<u8>) {
     (json, bin)
 }
 
-/// The square's file with changes: `(pointer, value)` of JSON.
+/// Encodes the square with changes, given as JSON pointers and values.
 fn changed(changes: &[(&str, Value)]) -> Vec<u8> {
     let (mut json, bin) = square();
     for (pointer, value) in changes {
@@ -90,14 +90,14 @@ fn area(mesh: &Mesh) -> DVec3 {
 const PRIMITIVE: &str = "/meshes/0/primitives/0";
 
 #[test]
-fn indices_of_all_widths_and_none() {
+fn reads_indices_of_all_widths_and_meshes_without_indices() {
     for (indices, mode) in [(json!(2), 4), (json!(3), 4), (json!(4), 4), (Value::Null, 6)] {
         let bytes = changed(&[(&format!("{PRIMITIVE}/indices"), indices), (&format!("{PRIMITIVE}/mode"), json!(mode))]);
         let (mesh, soundness) = read(&bytes).unwrap();
         assert_eq!((soundness.triangles, soundness.normals_computed), (2, false));
         assert_eq!(area(&mesh), 2.0 * DVec3::Z);
     }
-    // A strip of all four corners in order is folded over: its triangles are 012 and 132.
+    // A strip of the four corners in order folds over: its triangles are 012 and 132.
     let bytes = changed(&[(&format!("{PRIMITIVE}/indices"), Value::Null), (&format!("{PRIMITIVE}/mode"), json!(5))]);
     let (mesh, _) = read(&bytes).unwrap();
     assert_eq!(mesh.triangles(), [[0, 1, 2], [1, 3, 2]]);
@@ -106,7 +106,7 @@ fn indices_of_all_widths_and_none() {
 }
 
 #[test]
-fn nodes_place_and_mirror_their_meshes() {
+fn nodes_transform_and_mirror_their_meshes() {
     let nodes = json!([
         {"children": [1, 2], "translation": [0, 0, 5]},
         {"mesh": 0, "scale": [-2, 1, 1]},
@@ -125,7 +125,7 @@ fn nodes_place_and_mirror_their_meshes() {
 fn sparse_accessors_replace_values() {
     let sparse = json!({"count": 2, "indices": {"bufferView": 3, "byteOffset": 2, "componentType": 5123},
         "values": {"bufferView": 0, "byteOffset": 12}});
-    // Indices 1 and 2 of 16 bits; values are corners 1 and 2 themselves, put into zeros.
+    // The 16-bit indices are 1 and 2; the values are corners 1 and 2, inserted into zeros.
     let bytes = changed(&[
         (
             "/accessors/0",
@@ -134,13 +134,13 @@ fn sparse_accessors_replace_values() {
         (&format!("{PRIMITIVE}/indices"), json!(3)),
     ]);
     let (mesh, soundness) = read(&bytes).unwrap();
-    // The fourth corner is at zero too.
+    // The fourth corner is also zero, so the second triangle is degenerate.
     assert_eq!((soundness.triangles, soundness.degenerate), (1, 1));
     assert_eq!(mesh.positions(), [DVec3::ZERO, DVec3::X, DVec3::new(1.0, 1.0, 0.0), DVec3::ZERO]);
 }
 
 #[test]
-fn buffers_may_be_embedded_or_beside_the_file() {
+fn buffers_may_be_embedded_or_separate_files() {
     let (mut json, bin) = square();
     let text = base64::engine::general_purpose::STANDARD.encode(&bin);
     json["buffers"][0]["uri"] = json!(format!("data:application/octet-stream;base64,{text}"));
@@ -160,7 +160,7 @@ fn buffers_may_be_embedded_or_beside_the_file() {
 }
 
 #[test]
-fn what_cannot_be_read_is_refused_with_the_reason() {
+fn unreadable_files_are_rejected_with_the_reason() {
     let required = |name: &str| ("/extensionsRequired", json!([name]));
     type Changes = Vec<(&'static str, Value)>;
     let cases: Vec<(Changes, Kind, &str)> = vec![

@@ -1,8 +1,8 @@
 //! Encoding and keys of plans in the cache.
 //!
 //! The bytes are an eight-byte length, a JSON header of that length, and the arrays `q` and `r`
-//! (32-bit) and `energies` (64-bit) of the [`Plan`], little-endian. They are used only in the
-//! cache, which protects them against damage; the format can change with [`VERSION`].
+//! (32-bit) and `energies` (64-bit) of the [`Plan`], little-endian. Only the cache stores them, and
+//! it detects damage; the format may change with [`VERSION`].
 
 use gonio::lighting::LightPrior;
 use gonio::reflectance::BivariateTable;
@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 use crate::cache::Cache;
 use crate::{Error, little_endian};
 
-/// Version, part of every key: to be raised whenever the bytes change, or [`Plan::build`] gives
+/// Version, part of every key. Increase it whenever the bytes change, or [`Plan::build`] gives
 /// other results for the same input.
 pub const VERSION: u32 = 2;
 
@@ -48,7 +48,7 @@ pub fn encode_plan(plan: &Plan) -> Vec<u8> {
     bytes
 }
 
-/// Decodes a plan; `None` if the bytes are not a plan of this version, or their lengths do not fit.
+/// Decodes a plan; `None` if the bytes are not a plan of this version, or their length is wrong.
 pub fn decode_plan(bytes: &[u8]) -> Option<Plan> {
     let (length, rest) = bytes.split_first_chunk()?;
     let (header, rest) = rest.split_at_checked(usize::try_from(u64::from_le_bytes(*length)).ok()?)?;
@@ -66,11 +66,12 @@ pub fn decode_plan(bytes: &[u8]) -> Option<Plan> {
     Some(Plan { settings, points, k, q, r, energies: little_endian::f64s(energies), total_energy })
 }
 
-/// Computes the key of the plan that [`Plan::build`] makes from these arguments: BLAKE3, in
-/// hexadecimal, of everything that it depends on.
+/// Computes the key of the plan that [`Plan::build`] computes from these arguments.
 ///
-/// [`PlanSettings::hold`] is not part of it: whether rows were held in memory changes nothing
-/// beyond round-off.
+/// The key is the hexadecimal BLAKE3 hash of all inputs of the plan.
+///
+/// [`PlanSettings::hold`] is not part of the key, because holding rows in memory changes the result
+/// only within round-off.
 pub fn plan_key<'a>(
     points: impl Into<Points<'a>>,
     tables: &[BivariateTable],
@@ -78,7 +79,7 @@ pub fn plan_key<'a>(
     settings: &PlanSettings,
 ) -> String {
     let mut hasher = blake3::Hasher::new();
-    // Each part follows its length, so that nothing can move from one part to the next.
+    // Each part follows its length, so that different splits of the same bytes give different keys.
     let mut part = |bytes: &[u8]| {
         hasher.update(&(bytes.len() as u64).to_le_bytes()).update(bytes);
     };
@@ -107,14 +108,13 @@ pub fn plan_key<'a>(
     hasher.finalize().to_hex().to_string()
 }
 
-/// Returns the settings without those that do not change the result.
+/// Returns the settings with those reset that do not change the result.
 fn unheld(settings: &PlanSettings) -> PlanSettings {
     PlanSettings { hold: 0, ..*settings }
 }
 
-/// Reads the plan of a key from the cache; `None` if it is not there or damaged, or is not one of
-/// this number of points and of tables and these settings: a file may have been put under a wrong
-/// name by hand.
+/// Reads the plan of a key from the cache; `None` if it is missing, damaged, or a plan of other
+/// numbers of points and tables or of other settings: a user may have renamed a file.
 pub fn load_plan(cache: &Cache, key: &str, points: usize, tables: usize, settings: &PlanSettings) -> Option<Plan> {
     let plan = cache.load(key).and_then(|bytes| decode_plan(&bytes))?;
     let fits = (plan.points, plan.k) == (points, tables) && unheld(&plan.settings) == unheld(settings);
@@ -141,7 +141,7 @@ mod tests {
 
     use super::*;
 
-    /// All inputs of a plan, small.
+    /// All inputs of a small plan.
     #[derive(Clone)]
     struct Input {
         points: Vec<SurfacePoint>,
@@ -182,7 +182,7 @@ mod tests {
     }
 
     #[test]
-    fn plans_come_back_as_they_were() {
+    fn plans_round_trip() {
         let plan = input().plan();
         let bytes = encode_plan(&plan);
         assert_eq!(decode_plan(&bytes).unwrap(), plan);
@@ -191,7 +191,7 @@ mod tests {
         }
         assert!(decode_plan(&[&bytes[..], &[0]].concat()).is_none());
         assert!(decode_plan(&[0xff; 40]).is_none());
-        // Another version; lengths beyond the end, and lengths whose product overflows.
+        // Another version, lengths beyond the end, and lengths whose product overflows.
         let length = u64::from_le_bytes(bytes[..8].try_into().unwrap()) as usize;
         let header = std::str::from_utf8(&bytes[8..8 + length]).unwrap();
         for (old, new) in [
@@ -209,7 +209,7 @@ mod tests {
     }
 
     #[test]
-    fn a_plan_of_full_size_is_decoded_in_no_time() {
+    fn a_plan_of_full_size_is_decoded_in_half_a_second() {
         let settings = PlanSettings::default();
         let (points, k, rank) = (8600, 10, 800);
         let plan = Plan {
@@ -228,12 +228,12 @@ mod tests {
         let back = decode_plan(&bytes).unwrap();
         let decoded = start.elapsed();
         assert_eq!(back, plan);
-        // Ten times the usual time, so that the test does not depend on how busy the machine is.
+        // The limit is ten times the usual time, so that the test also passes on a busy machine.
         assert!(decoded.as_secs_f64() < 0.5, "{} bytes: {encoded:?}, {decoded:?}", bytes.len());
     }
 
     #[test]
-    fn keys_name_every_input() {
+    fn keys_depend_on_every_input() {
         let base = input();
         let changed = |change: &dyn Fn(&mut Input)| {
             let mut other = base.clone();
@@ -290,7 +290,7 @@ mod tests {
         assert_eq!(input.load(&cache), None);
         store(&Plan { settings: PlanSettings { seed: 5, ..plan.settings }, ..plan.clone() });
         assert_eq!(input.load(&cache), None);
-        // Rows held in memory are no part of the result.
+        // The number of rows held in memory does not affect the result.
         store(&Plan { settings: PlanSettings { hold: 7, ..plan.settings }, ..plan.clone() });
         assert!(input.load(&cache).is_some());
     }

@@ -16,31 +16,31 @@ pub const FILE: &str = "posterior.json";
 /// Format of the file.
 const FORMAT: &str = "gonio-posterior";
 
-/// Version that is written, and the newest that is read.
+/// Version that is written, and the newest version that is read.
 const VERSION: u32 = 1;
 
 /// Largest file, in bytes.
 const MAX_BYTES: u64 = 64 << 20;
 
-/// The contents of a file.
+/// Contents of a file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SavedPosterior {
     format: String,
     version: u32,
-    /// The model it was found with: its
-    /// [`id`](gonio::inference::learnt::LearntPosterior::id).
+    /// [`id`](gonio::inference::learnt::LearntPosterior::id) of the model that computed the
+    /// likelihood.
     pub model: String,
     /// Names of the photographs.
     pub images: Vec<String>,
     /// Likelihood of the material.
     pub likelihood: Likelihood,
-    /// Colours, if they were estimated. Files of earlier versions have none that can be read.
+    /// Colours, if they were estimated. Those in files of earlier versions cannot be read.
     #[serde(default)]
     pub chroma: Option<SavedChroma>,
 }
 
 impl SavedPosterior {
-    /// Contents of a file.
+    /// Builds the contents of a file.
     pub fn new(model: String, images: Vec<String>, likelihood: Likelihood, chroma: Option<SavedChroma>) -> Self {
         Self { format: FORMAT.to_owned(), version: VERSION, model, images, likelihood, chroma }
     }
@@ -50,10 +50,10 @@ impl SavedPosterior {
         serde_json::to_vec(self).unwrap_or_default()
     }
 
-    /// Reads a file, or that of a folder of results.
+    /// Reads a file, or the file [`FILE`] of a folder of results.
     ///
     /// # Errors
-    /// If it cannot be read, or is damaged or of a newer version.
+    /// If the file cannot be read, is damaged, or has a newer version.
     pub fn read(path: &Path) -> Result<Self, Error> {
         let file = if path.is_dir() { path.join(FILE) } else { path.to_owned() };
         Self::decode(&file, &read_whole(&file, MAX_BYTES)?)
@@ -90,7 +90,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn files_come_back_as_they_were() {
+    fn files_round_trip() {
         let chroma = SavedChroma::of(&ChromaField::uniform(Chroma([0.1, 1.0 / 3.0])), [0.3, 0.1]);
         let likelihood = Likelihood::Embedding(Embedding::of(vec![1.0, -0.1, 1e-7]));
         let saved = SavedPosterior::new("abc".into(), vec!["ball.exr".into()], likelihood, Some(chroma));
@@ -98,7 +98,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_posterior_is_said() {
+    fn errors_state_that_a_file_is_not_a_posterior() {
         let saved =
             SavedPosterior::new(String::new(), Vec::new(), Likelihood::Embedding(Embedding::of(vec![1.0])), None);
         let text = String::from_utf8(saved.encode()).unwrap();

@@ -8,10 +8,10 @@ use crate::guard::read_whole;
 /// Longest file, in bytes.
 const MAX_BYTES: u64 = 1 << 28;
 
-/// Most rows.
+/// Largest number of rows.
 pub const MAX_ROWS: usize = 1_000_000;
 
-/// Most columns.
+/// Largest number of columns.
 const MAX_COLUMNS: usize = 1000;
 
 const ADVICE: &str = "use a table with commas and a header line";
@@ -21,16 +21,16 @@ const ADVICE: &str = "use a table with commas and a header line";
 pub struct Table {
     /// Names of the columns.
     pub columns: Vec<String>,
-    /// Rows of as many cells as there are columns, without the white space around them.
+    /// Rows with one cell per column, without surrounding white space.
     pub rows: Vec<Vec<String>>,
 }
 
 impl Table {
-    /// Reads a table. Lines that begin with `#` are passed over, as is white space around cells.
+    /// Reads a table. Lines that begin with `#` and white space around cells are ignored.
     ///
     /// # Errors
-    /// If the file cannot be read, is no UTF-8 text, has rows of different lengths, no row, more
-    /// than 1000 columns or more than [`MAX_ROWS`] rows.
+    /// If the file cannot be read, is not UTF-8 text, has rows of different lengths, has no rows,
+    /// or has more than 1000 columns or [`MAX_ROWS`] rows.
     pub fn read(path: impl AsRef<Path>) -> Result<Self, Error> {
         let path = path.as_ref();
         Self::decode(path, &read_whole(path, MAX_BYTES)?)
@@ -62,21 +62,21 @@ impl Table {
         Ok(Self { columns, rows })
     }
 
-    /// Encodes the table. A cell that a spreadsheet would take for a formula begins with an
-    /// apostrophe, by which spreadsheets know text; numbers stay as they are.
+    /// Encodes the table. Cells that a spreadsheet would evaluate as formulas get a leading
+    /// apostrophe, which marks text; numbers are not changed.
     pub fn encode(&self) -> Vec<u8> {
         let mut writer = csv::WriterBuilder::new().flexible(true).comment(Some(b'#')).from_writer(Vec::new());
         for row in std::iter::once(&self.columns).chain(&self.rows) {
-            // Writing to memory does not fail.
+            // Writing to memory cannot fail.
             let _ = writer.write_record(row.iter().map(|cell| inert(cell)));
         }
         writer.into_inner().unwrap_or_default()
     }
 }
 
-/// The cell, with an apostrophe before what a spreadsheet would run.
+/// Returns the cell, with a leading apostrophe if a spreadsheet would evaluate it.
 fn inert(cell: &str) -> String {
-    // Spreadsheets pass over white space, and some over quotation marks, before they look.
+    // Spreadsheets ignore leading white space before they detect formulas.
     let begins = cell.trim_start().starts_with(['=', '+', '-', '@', '\t', '\r', '＝', '＋', '－', '＠']);
     let runs = begins || cell.starts_with(['\t', '\r', '\n']);
     if runs && cell.parse::<f64>().is_err() { format!("'{cell}") } else { cell.to_owned() }
@@ -92,7 +92,7 @@ mod tests {
     }
 
     #[test]
-    fn a_table_comes_back() {
+    fn tables_round_trip() {
         let table = decode("name, image\n# a remark\none ,\"a,b.exr\"\n\"say \"\"x\"\"\",\n").unwrap();
         assert_eq!(table.columns, ["name", "image"]);
         assert_eq!(table.rows, [["one", "a,b.exr"], ["say \"x\"", ""]]);
@@ -100,7 +100,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_spreadsheet_would_run_is_text() {
+    fn formulas_become_text() {
         for formula in [
             "=1+1",
             "+cmd|' /C calc'!A0",
@@ -123,7 +123,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_table_is_refused() {
+    fn invalid_tables_are_rejected() {
         let wide = format!("{}\n1\n", "a,".repeat(MAX_COLUMNS + 1));
         let long = format!("a\n{}", "1\n".repeat(MAX_ROWS + 1));
         for (text, kind, says) in [

@@ -21,14 +21,14 @@ pub(super) fn decode(path: &Path, bytes: &[u8], format: ImageFormat, options: &R
     unpack(path, &image, embedded, options)
 }
 
-/// A picture as the file holds it.
+/// A picture as stored in the file.
 pub(super) struct Loaded {
     pub(super) image: DynamicImage,
     pub(super) orientation: Orientation,
     pub(super) embedded: Embedded,
 }
 
-/// Loads the picture as the file holds it, its orientation and its colour information.
+/// Loads the picture as stored in the file, its orientation and its colour information.
 pub(super) fn load(path: &Path, bytes: &[u8], format: ImageFormat, options: &ReadOptions) -> Result<Loaded, Error> {
     let name = format!("{format:?}").to_uppercase();
     if format == ImageFormat::Jpeg {
@@ -38,14 +38,14 @@ pub(super) fn load(path: &Path, bytes: &[u8], format: ImageFormat, options: &Rea
         let failed = |e| explain(path, e);
         let mut reader = ImageReader::with_format(Cursor::new(bytes), format);
         let mut limits = Limits::no_limits();
-        // The picture itself (16 bytes a pixel at most), as much again for the decoder, and its
+        // The picture (at most 16 bytes per pixel), the same amount for the decoder, and its
         // tables.
         limits.max_alloc = Some(options.max_pixels.saturating_mul(32).saturating_add(1 << 24));
         reader.limits(limits);
         let mut decoder = reader.into_decoder().map_err(failed)?;
         let (width, height) = decoder.dimensions();
         options.check_size(path, width.into(), height.into())?;
-        // Unreadable metadata are no reason to refuse the picture.
+        // Unreadable metadata must not prevent reading the picture.
         let orientation = decoder.orientation().unwrap_or(Orientation::NoTransforms);
         let embedded = Embedded::of(path, bytes, format, &mut decoder)?;
         Ok(Loaded { image: DynamicImage::from_decoder(decoder).map_err(failed)?, orientation, embedded })
@@ -65,7 +65,7 @@ fn unpack(path: &Path, image: &DynamicImage, embedded: Embedded, options: &ReadO
     let curve = match curve {
         _ if options.linear => Curve::Linear,
         Some(curve) => curve,
-        // Float samples are linear unless the file says otherwise.
+        // Float samples are linear unless the file states another curve.
         None if bits == 32 => Curve::Linear,
         None => of_space(),
     };
@@ -112,7 +112,7 @@ fn unpack(path: &Path, image: &DynamicImage, embedded: Embedded, options: &ReadO
     let white = (0..3).map(|channel| value(channel, 1.0)).fold(f32::INFINITY, f32::min);
     let (conversion, input) = match channels {
         1 | 2 => (Conversion::None, InputSpace::unconverted("grey", SpaceSource::Grey)),
-        // Linear values are no codes of the table.
+        // The table converts codes, not linear values.
         _ if is_table && options.linear => {
             let unusable = Some("the table of the ICC profile (the values are specified as linear)".to_owned());
             Stated { space: None, unusable }.settle(options.colour_space)
@@ -149,8 +149,8 @@ fn picture<T: Copy>(
     }
 }
 
-/// Sorts the errors of the `image` crate by cause. Its readers see memory only, so even their I/O
-/// errors mean a file that ends too early.
+/// Sorts the errors of the `image` crate by cause. Its readers read from memory only, so even an
+/// I/O error means that the file is truncated.
 pub(super) fn explain(path: &Path, error: ImageError) -> Error {
     match error {
         ImageError::Unsupported(e) => Error::unsupported(path, e.to_string(), "write 8- or 16-bit RGB, or EXR"),
@@ -175,7 +175,7 @@ mod tests {
     }
 
     #[test]
-    fn eight_bits_are_srgb_unless_told_otherwise() {
+    fn eight_bits_are_srgb_unless_linear_is_set() {
         let bytes = encoded(RgbImage::from_pixel(3, 2, Rgb([255, 128, 0])), ImageFormat::Png);
         let srgb = read(&bytes, false);
         assert_eq!(srgb.encoding, Encoding::Srgb { bits: 8 });
@@ -187,7 +187,7 @@ mod tests {
     }
 
     #[test]
-    fn sixteen_bits_and_grey_with_alpha() {
+    fn reads_sixteen_bits_and_grey_with_alpha() {
         let image = ImageBuffer::from_pixel(2, 2, Rgb([65535_u16, 1, 0]));
         for format in [ImageFormat::Png, ImageFormat::Tiff] {
             let got = read(&encoded(image.clone(), format), true);
@@ -208,7 +208,7 @@ mod tests {
     }
 
     #[test]
-    fn jpeg_is_read_whole_or_not_at_all() {
+    fn truncated_jpeg_files_are_rejected() {
         let bytes = encoded(RgbImage::from_pixel(33, 20, Rgb([200, 200, 200])), ImageFormat::Jpeg);
         let got = read(&bytes, true).picture.rgb;
         assert!((got[(20, 10)] - Vec3::splat(200.0 / 255.0)).length() < 0.02);
@@ -219,7 +219,7 @@ mod tests {
     }
 
     #[test]
-    fn the_limit_on_pixels_holds() {
+    fn the_pixel_limit_is_enforced() {
         let bytes = encoded(RgbImage::new(100, 100), ImageFormat::Png);
         let options = ReadOptions { max_pixels: 9999, ..Default::default() };
         let error = super::super::decode(Path::new("t"), &bytes, &options).unwrap_err();

@@ -13,8 +13,8 @@ pub(super) fn check_complete(path: &Path, bytes: &[u8]) -> Result<(), Error> {
     }
 }
 
-/// Returns the position after the end-of-image marker. Thumbnails in the metadata have markers of
-/// their own, so segments have to be skipped by their lengths.
+/// Returns the position after the end-of-image marker. Thumbnails in the metadata contain markers
+/// too, so segments must be skipped by their lengths.
 fn end_of_image(bytes: &[u8]) -> Option<usize> {
     const END_OF_IMAGE: u8 = 0xd9;
     let mut at = 2;
@@ -43,8 +43,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_whole_files_pass() {
-        // A header segment that holds the marker's bytes, a scan with a stuffed zero, the end.
+    fn only_complete_files_pass() {
+        // A header segment that contains the bytes of the marker, a scan with a stuffed zero, the
+        // end.
         let whole =
             [0xff, 0xd8, 0xff, 0xe1, 0, 4, 0xff, 0xd9, 0xff, 0xda, 0, 3, 9, 1, 0xff, 0, 2, 0xff, 0xd0, 3, 0xff, 0xd9];
         assert_eq!(end_of_image(&whole), Some(whole.len()));

@@ -21,11 +21,11 @@ pub(crate) struct Group {
     /// Lower case, without the last component; includes the name of the layer.
     pub(crate) prefix: String,
     layer: usize,
-    /// Last components as [`canonical`] names, with their index in the layer.
+    /// [`canonical`] names of the last components, with their index in the layer.
     channels: Vec<(String, usize)>,
 }
 
-/// Kind of colour that channels hold.
+/// Kind of colour in the channels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Colours {
     Rgb,
@@ -34,13 +34,14 @@ pub(super) enum Colours {
     Chroma,
 }
 
-/// Picture chosen from a file.
+/// Picture selected from a file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Chosen {
     pub(super) selection: Selection,
     pub(super) colours: Colours,
-    /// Name of the picture, and those of the other pictures in the file.
+    /// Name of the picture.
     pub(super) name: String,
+    /// Names of the other pictures in the file.
     pub(super) others: Vec<String>,
 }
 
@@ -49,7 +50,7 @@ impl Group {
         self.channels.iter().find(|c| c.0 == name).map(|c| c.1)
     }
 
-    /// Selects the channels of these names (lower case), if all are there.
+    /// Selects the channels of these names (lower case), if all exist.
     pub(crate) fn select(&self, names: &[&str]) -> Option<Selection> {
         let channels = names.iter().map(|n| self.index(n)).collect::<Option<_>>()?;
         Some(Selection { layer: self.layer, channels })
@@ -122,8 +123,8 @@ pub(crate) fn groups(headers: &[Header]) -> Vec<Group> {
     groups
 }
 
-/// Chooses the colour channels of the layer that the options name; without a name those without a
-/// prefix, else of the pass that holds the finished picture, else the first.
+/// Selects the colour channels of the layer that the options name. Without a name, selects the
+/// channels without a prefix, else the pass of the finished picture, else the first.
 pub(super) fn choose(path: &Path, headers: &[Header], options: &ReadOptions) -> Result<Chosen, Error> {
     let groups = groups(headers);
     let candidates: Vec<_> = groups.iter().filter_map(|g| g.colours().map(|c| (g, c))).collect();

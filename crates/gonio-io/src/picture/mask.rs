@@ -1,4 +1,4 @@
-//! Masks: the share of each pixel that belongs to the object.
+//! Masks: the fraction of each pixel that belongs to the object.
 
 use std::path::Path;
 
@@ -7,16 +7,16 @@ use gonio::picture::{Picture, Plane};
 use super::{Encoding, Format, ReadOptions, decode_unconverted, groups, read_channels};
 use crate::{Error, guard};
 
-/// Largest distance outside 0..=1 of a value of a float mask that counts as rounding.
+/// Largest distance of a float value outside 0..=1 that counts as rounding.
 const SLACK: f32 = 1e-3;
 
 /// Reads a mask from a picture of any supported format: 1 inside the object, 0 outside.
 ///
-/// The mask is the grey value, never sRGB-decoded (the largest channel where there is colour). If
+/// The mask is the grey value, or the largest channel of coloured pixels, without sRGB decoding. If
 /// the file has an alpha channel that is not 1 everywhere, a picture of constant or coloured
 /// content is a cut-out and its alpha is the mask; a grey one is multiplied by its alpha. In an
-/// OpenEXR file without colour a channel `A`, or the only channel there is, is the mask. Masks of
-/// two values, such as 0 and 1 or 0 and 128 in 8 bits, are scaled to 0 and 1.
+/// OpenEXR file without colour, the mask is the channel `A`, or else the only channel. Masks of two
+/// values, such as 0 and 1 or 0 and 128 in 8 bits, are scaled to 0 and 1.
 ///
 /// # Errors
 /// Errors of [`read`](super::read), and if values are not numbers or lie outside 0..=1.
@@ -74,14 +74,14 @@ fn mask_of(picture: Picture, associated: bool) -> Plane<f32> {
     Plane::from_vec(grey.width(), grey.height(), product)
 }
 
-/// Clamps values that rounding has put outside 0..=1 and refuses others.
+/// Clamps values outside 0..=1 within rounding and rejects others.
 fn unit_range(path: &Path, mask: Plane<f32>) -> Result<Plane<f32>, Error> {
     let odd = |v: f32| !(-SLACK..=1.0 + SLACK).contains(&v);
     if let Some(&v) = mask.as_slice().iter().find(|&&v| odd(v)) {
         let problem = format!("contains the value {v}, which is invalid in a mask");
         return Err(Error::invalid(path, problem, "use values from 0 (outside) to 1 (object)"));
     }
-    // Two values, of which the larger is not one, are labels: 0 and 1, or 0 and 128, in 8 bits.
+    // Masks of two values are labels, for example 0 and 1, or 0 and 128, in 8 bits.
     let largest = mask.as_slice().iter().copied().fold(0.0, f32::max);
     let (outside, inside) = (|v: f32| v <= 0.0, |v: f32| v == largest);
     let has_two = mask.as_slice().iter().any(|&v| outside(v)) && largest > 0.0;
@@ -114,7 +114,7 @@ mod tests {
     }
 
     #[test]
-    fn a_mask_is_its_grey_or_its_alpha() {
+    fn masks_are_grey_values_or_alpha() {
         let (black, white, red) = (Vec3::ZERO, Vec3::ONE, Vec3::X);
         check([black, white], None, false, [0.0, 1.0]);
         check([black, red], None, false, [0.0, 1.0]);
@@ -139,7 +139,7 @@ mod tests {
     }
 
     #[test]
-    fn a_lone_channel_is_a_mask_and_odd_values_are_refused() {
+    fn a_single_channel_is_a_mask_and_invalid_values_are_rejected() {
         use exr::prelude::*;
         let encode = |name: &str, value: f32| {
             let list = [AnyChannel::new(name, FlatSamples::F32(vec![value; 4]))];

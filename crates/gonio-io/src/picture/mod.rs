@@ -2,11 +2,10 @@
 //!
 //! The format is recognised by content, never by the name. Conventions:
 //! * OpenEXR: channels `R G B [A]`, `Y [A]` (grey) or `Y RY BY [A]` (not subsampled), under these
-//!   or other usual names, also with a layer's prefix; 16/32-bit float or 32-bit integer. The
-//!   picture has the size of the display window; pixels outside the data window are zero. Colour
-//!   stays multiplied by alpha, as the format defines it.
-//! * Radiance HDR: values as stored; `EXPOSURE` and `COLORCORR` are ignored, as the scale is
-//!   arbitrary anyway.
+//!   or other usual names, with or without the prefix of a layer; 16/32-bit float or 32-bit
+//!   integer. The picture has the size of the display window; pixels outside the data window are
+//!   zero. Colour stays multiplied by alpha, as the format defines it.
+//! * Radiance HDR: values divided by the products of the `EXPOSURE` and `COLORCORR` lines.
 //! * PFM: values times the absolute value of the header's scale.
 //! * PNG, JPEG (8 and 16 bit) and TIFF (8, 16 bit, 32-bit float RGB): coded by the curve that the
 //!   file states, else by that of sRGB, unless [`ReadOptions::linear`] is set; an EXIF orientation
@@ -19,8 +18,8 @@
 //! profile, `sRGB`, `cHRM` and `gAMA` of PNG, ICC profile of TIFF and JPEG), else
 //! [`ReadOptions::colour_space`]. Pictures without colour are not converted.
 //!
-//! Not-a-number, infinite and negative values are passed on: whether they matter depends on the
-//! mask, which only the caller knows.
+//! NaN, infinite and negative values are passed on, because their relevance depends on the mask,
+//! which is not available here.
 
 mod bracket;
 mod curve;
@@ -68,15 +67,16 @@ pub use write::{
 /// Options for reading a picture.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ReadOptions {
-    /// Whether the samples are linear, whatever curve the file states or its kind usually has. The
-    /// colour space that the file states still applies, except that of a table in an ICC profile.
+    /// Whether the samples are linear, independent of the curve that the file states or its format
+    /// implies. The colour space of the file still applies, except that of a table in an ICC
+    /// profile.
     pub linear: bool,
-    /// Largest number of pixels, checked on the header before memory is taken; each takes about 16
+    /// Largest number of pixels, checked in the header before allocation; each takes about 16
     /// bytes.
     pub max_pixels: u64,
     /// Layer of an OpenEXR file to read, by its name or the last part of it, in any case; `rgb`
-    /// stands for channels without a layer. `None` takes the finished picture. Other files have no
-    /// layers: with a name they are not read.
+    /// means channels without a layer. `None` selects the finished picture. A name is an error for
+    /// files of other formats, which have no layers.
     pub layer: Option<String>,
     /// Colour space of files that state none; `None` assumes [`ColourSpace::Rec709`], for integer
     /// files sRGB. It also gives the curve of integer files that state none: that of sRGB for Rec.
@@ -92,8 +92,7 @@ impl Default for ReadOptions {
 }
 
 impl ReadOptions {
-    /// Returns the longest file worth reading into memory: 32 bytes a pixel leave room for unused
-    /// layers.
+    /// Returns the largest file size to read: 32 bytes per pixel leave room for unused layers.
     pub(crate) fn max_bytes(&self) -> u64 {
         self.max_pixels.saturating_mul(32).saturating_add(1 << 24)
     }
@@ -117,12 +116,12 @@ pub enum Encoding {
     /// Linear floating-point numbers.
     LinearFloat,
     /// Integers coded with the sRGB curve, decoded to 0..=1. Such photographs are rarely
-    /// proportional to radiance: worth a warning.
+    /// proportional to radiance.
     Srgb {
         /// Bits per sample, 8 or 16.
         bits: u8,
     },
-    /// Integers that are linear, as the file or the caller says, divided by the largest code.
+    /// Linear integers, according to the file or the caller, divided by the largest code.
     Linear {
         /// Bits per sample, 8 or 16.
         bits: u8,
@@ -130,7 +129,7 @@ pub enum Encoding {
     /// Samples coded by another curve that the file states: that of an ICC profile, of `cICP` or
     /// `gAMA`.
     Coded {
-        /// Bits per sample, 8, 16 or, of floats, 32.
+        /// Bits per sample: 8, 16, or 32 for floats.
         bits: u8,
     },
 }
@@ -138,15 +137,15 @@ pub enum Encoding {
 /// A picture with its encoding and origin.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Decoded {
-    /// Linear radiance; see the [module](self) for what alpha means. Its colours are linear Rec.
-    /// 709 after [`into_working`](Self::into_working), which [`decode`] and [`read`] call.
+    /// Linear radiance; the [module](self) documentation describes alpha. Its colours are linear
+    /// Rec. 709 after [`into_working`](Self::into_working), which [`decode`] and [`read`] call.
     pub picture: Picture,
     /// Encoding in the file.
     pub encoding: Encoding,
-    /// Value of a saturated sample, about 1.0 for integer files. Float files give it in the OpenEXR
-    /// attribute `clipLevel`, if at all. Conversion to linear Rec. 709 changes it.
+    /// Value of a saturated sample, about 1.0 for integer files. Float files can state it only in
+    /// the OpenEXR attribute `clipLevel`. Conversion to linear Rec. 709 changes it.
     pub full_scale: Option<f32>,
-    /// Picture chosen from an OpenEXR file that holds several.
+    /// Picture selected from an OpenEXR file with several pictures.
     pub layer: Option<LayerChoice>,
     /// Colour space of the values in the file.
     pub input: InputSpace,
@@ -154,16 +153,16 @@ pub struct Decoded {
     conversion: Conversion,
 }
 
-/// Choice of one of several pictures in a file.
+/// Selection of one of several pictures in a file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct LayerChoice {
-    /// Name of the chosen one, in lower case.
+    /// Name of the selected picture, in lower case.
     pub name: String,
-    /// Names of the others, at least one.
+    /// Names of the other pictures, at least one.
     pub others: Vec<String>,
 }
 
-/// Formats read here, recognised by their first bytes.
+/// Supported formats, recognised by their first bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Format {
     Exr,
@@ -191,7 +190,7 @@ impl Format {
             [0x89, b'P', b'N', b'G', ..] => Ok(Self::Png),
             [0xff, 0xd8, 0xff, ..] => Ok(Self::Jpeg),
             [b'I', b'I', 42 | 43, 0, ..] | [b'M', b'M', 0, 42 | 43, ..] => match extension.as_str() {
-                // Raw files are TIFF containers, but a TIFF reader finds only the preview in them.
+                // Raw files are TIFF containers, but a TIFF reader reads only their preview.
                 "dng" | "cr2" | "nef" | "arw" | "orf" | "pef" | "rw2" => Err(Error::unsupported(
                     path,
                     "is a camera raw file",
@@ -218,14 +217,14 @@ impl Format {
 /// Reads a picture of any supported format and converts its colours to linear Rec. 709.
 ///
 /// # Errors
-/// If the file cannot be read, is of another format, is damaged (files cut short included), or has
-/// more pixels than the options allow.
+/// If the file cannot be read, has another format, is damaged or truncated, or has more pixels than
+/// the options allow.
 pub fn read(path: impl AsRef<Path>, options: &ReadOptions) -> Result<Decoded, Error> {
     let path = path.as_ref();
     read_unconverted(path, options)?.into_working(path)
 }
 
-/// Reads like [`read`], but keeps the primaries of the file: for values that are no colours, and
+/// Reads like [`read`], but keeps the primaries of the file: for values that are not colours, and
 /// for corrections before [`Decoded::into_working`].
 ///
 /// # Errors
@@ -235,7 +234,7 @@ pub fn read_unconverted(path: impl AsRef<Path>, options: &ReadOptions) -> Result
     decode_unconverted(path, &guard::read_whole(path, options.max_bytes())?, options)
 }
 
-/// Reads the bytes of a picture from a stream, which messages call `name`.
+/// Reads the bytes of a picture from a stream; `name` is its name in error messages.
 ///
 /// # Errors
 /// If it cannot be read, is empty, or is longer than a picture that the options allow.
@@ -243,7 +242,7 @@ pub fn read_stream(name: &Path, stream: impl Read, options: &ReadOptions) -> Res
     guard::read_stream(name, stream, options.max_bytes())
 }
 
-/// Decodes a picture held in memory; `path` is only used in error messages. The rest is as in
+/// Decodes a picture held in memory; `path` is only used in error messages. Otherwise like
 /// [`read`].
 ///
 /// # Errors
@@ -306,7 +305,7 @@ mod tests {
     }
 
     #[test]
-    fn unknown_files_are_told_apart_from_broken_ones() {
+    fn unknown_formats_are_distinguished_from_damaged_files() {
         check("a.webp", b"RIFF....WEBP", Kind::Unsupported, "is a .webp file");
         check("a", b"what is this", Kind::Unsupported, "unknown image format");
         check("a.exr", b"what is this", Kind::Damaged, "does not have the header of a .exr file");
@@ -314,7 +313,7 @@ mod tests {
     }
 
     #[test]
-    fn layers_are_those_of_openexr() {
+    fn layers_require_openexr() {
         let layer = ReadOptions { layer: Some("diffuse".into()), ..Default::default() };
         let error = decode(Path::new("a.pfm"), b"Pf\n1 1\n-1.0\n\0\0\0\0", &layer).unwrap_err();
         assert_eq!(error.kind(), Kind::Unsupported, "{error}");

@@ -1,4 +1,4 @@
-//! Portable float maps: a text header of three tokens, then 32-bit floats, bottom row first; those
+//! Portable float maps: a text header of three tokens, then 32-bit floats, bottom row first; files
 //! of Photoshop have the top row first.
 
 use std::path::Path;
@@ -22,7 +22,7 @@ pub(super) fn decode(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result
     };
     let bad = |what: &str| Error::damaged(path, format!("has no {what} in its PFM header"));
     let width: u64 = tokens.next().and_then(|t| t.parse().ok()).ok_or_else(|| bad("width"))?;
-    // Photoshop writes width and height on lines of their own, and the top row first.
+    // Photoshop writes width and height on separate lines, and the top row first.
     let is_photoshop = tokens.ends_line();
     let height: u64 = tokens.next().and_then(|t| t.parse().ok()).ok_or_else(|| bad("height"))?;
     let scale: f32 = tokens.next().and_then(|t| t.parse().ok()).ok_or_else(|| bad("scale"))?;
@@ -81,7 +81,7 @@ struct Tokens<'a> {
 }
 
 impl Tokens<'_> {
-    /// Whether a line ends after the last word.
+    /// Returns whether a line ends after the last word.
     fn ends_line(&self) -> bool {
         let rest = &self.bytes[self.at..];
         let blank = rest.iter().take_while(|b| b.is_ascii_whitespace());
@@ -120,7 +120,7 @@ mod tests {
     }
 
     #[test]
-    fn grey_big_endian_files_and_scales_are_understood() {
+    fn reads_grey_big_endian_files_and_applies_the_scale() {
         let mut bytes = b"Pf\n1 2\n2.0\n".to_vec();
         bytes.extend(1.5_f32.to_be_bytes());
         bytes.extend(0.25_f32.to_be_bytes());
@@ -144,7 +144,7 @@ mod tests {
     }
 
     #[test]
-    fn lying_headers_are_refused_before_memory_is_taken() {
+    fn inconsistent_headers_are_rejected_before_allocation() {
         for (bytes, kind) in [
             (&b"PF\n100000000 100000000\n-1\n"[..], Kind::Limits),
             (b"PF\n1000 1000\n-1\n0000", Kind::Damaged),

@@ -27,10 +27,10 @@ pub(super) struct ColourChunks {
 }
 
 /// Reads the chunks before the pixels. Damaged chunks count as missing; the decoder of the picture
-/// decides whether the file is sound.
+/// detects damaged files.
 ///
 /// # Errors
-/// If the ICC profile is longer than [`MAX_PROFILE`] when it is unpacked.
+/// If the unpacked ICC profile is longer than [`MAX_PROFILE`].
 pub(super) fn colour_chunks(path: &Path, bytes: &[u8]) -> Result<ColourChunks, Error> {
     let mut chunks = ColourChunks::default();
     let mut at = 8;
@@ -62,7 +62,8 @@ fn chunk(bytes: &[u8], at: usize) -> Option<(&[u8; 4], &[u8])> {
     Some((kind, bytes.get(at + 8..end)?))
 }
 
-/// Returns the fixed-point numbers of a chunk, hundred-thousandths, if it holds as many.
+/// Returns the `N` fixed-point numbers of a chunk, in units of 1e-5, or `None` if it has another
+/// length.
 fn numbers<const N: usize>(data: &[u8]) -> Option<[f64; N]> {
     if data.len() != 4 * N {
         return None;
@@ -74,7 +75,7 @@ fn numbers<const N: usize>(data: &[u8]) -> Option<[f64; N]> {
     Some(numbers)
 }
 
-/// Unpacks the profile of a chunk: a name, zero, the method of compression, and the data.
+/// Unpacks the profile of a chunk: a name, a zero byte, the method of compression, and the data.
 fn profile(path: &Path, data: &[u8]) -> Result<Option<Vec<u8>>, Error> {
     let Some(end) = data.iter().take(80).position(|byte| *byte == 0) else { return Ok(None) };
     let Some((0, packed)) = data[end + 1..].split_first() else { return Ok(None) };
@@ -119,7 +120,7 @@ mod tests {
         zlib.finish().unwrap()
     }
 
-    /// Signature and `IHDR`, of which only the length matters here.
+    /// Signature and `IHDR`; only their length matters in these tests.
     const HEADER: [u8; 33] = {
         let mut header = [0; 33];
         header[11] = 13;
@@ -140,7 +141,7 @@ mod tests {
     }
 
     #[test]
-    fn profiles_are_bounded() {
+    fn profile_sizes_are_limited() {
         let png = |profile: &[u8]| with_chunks(&HEADER, &[(b"iCCP", &packed(profile))]);
         assert_eq!(colour_chunks(Path::new("t"), &png(b"abc")).unwrap().icc.unwrap(), b"abc");
         let bomb = png(&vec![0; MAX_PROFILE + 1]);

@@ -15,12 +15,12 @@ use super::{Decoded, ReadOptions, float_picture};
 use crate::colour_space::Primaries;
 use crate::{Error, guard};
 
-/// Pixels per byte above which no encoder gets: a run of 127 pixels takes 8 bytes, an old-style one
-/// of 255 takes 4.
+/// Largest number of pixels per byte: a run of 127 pixels takes 8 bytes, an old-style one of 255
+/// takes 4.
 const PIXELS_PER_BYTE: usize = 64;
 /// Largest value of the format, a little below 2^127.
 const LARGEST_VALUE: f32 = 1.6e38;
-/// Colours below this are black.
+/// Colours with a largest channel below this value become black.
 const SMALLEST: f32 = 1e-32;
 
 pub(super) fn decode(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Decoded, Error> {
@@ -31,7 +31,7 @@ pub(super) fn decode(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result
         return Err(Error::unsupported(path, "contains XYZ instead of RGB colours", "convert it with `ra_xyze -r`"));
     }
     guard::catching(path, "Radiance HDR", || {
-        // The strict reader knows `#?RADIANCE` only, while `#?RGBE` is as common.
+        // The strict reader accepts only `#?RADIANCE`, but `#?RGBE` is also common.
         let decoder = HdrDecoder::new_nonstrict(Cursor::new(bytes)).map_err(|e| explain(path, e))?;
         let metadata = decoder.metadata();
         let factor = factor_of(&metadata).ok_or_else(|| {
@@ -65,7 +65,7 @@ fn factor_of(metadata: &HdrMetadata) -> Option<Vec3> {
     (factor.min_element() > 0.0 && factor.is_finite()).then_some(factor)
 }
 
-/// Longest header.
+/// Longest header in bytes.
 const LONGEST_HEADER: usize = 1 << 16;
 
 /// Lists the lines of a header, up to the first empty one.
@@ -86,7 +86,7 @@ fn with_unix_lines(bytes: &[u8]) -> Cow<'_, [u8]> {
     Cow::Owned(out)
 }
 
-/// Returns what the last line `PRIMARIES=` states: x and y of red, green, blue and white.
+/// Returns the space of the last line `PRIMARIES=`: x and y of red, green, blue and white.
 fn stated(lines: &[String]) -> Stated {
     let Some(line) = lines.last() else { return Stated::default() };
     let numbers: Option<Vec<f64>> = line.split_whitespace().map(|word| word.parse().ok()).collect();
@@ -99,19 +99,20 @@ fn stated(lines: &[String]) -> Stated {
 pub(super) fn encode(rgb: &Plane<Vec3>) -> Vec<u8> {
     let pixels: Vec<_> = rgb.as_slice().iter().map(|&v| image::Rgb(rounded(v))).collect();
     let mut bytes = Vec::new();
-    HdrEncoder::new(&mut bytes).encode(&pixels, rgb.width(), rgb.height()).expect("memory can be written");
+    HdrEncoder::new(&mut bytes).encode(&pixels, rgb.width(), rgb.height()).expect("writing to memory cannot fail");
     bytes
 }
 
-/// Returns the nearest colour that has a code. The encoder itself truncates, which would make
-/// pictures darker by 0.4 %.
+/// Returns the nearest colour that the format can represent. The encoder truncates, which would
+/// darken pictures by 0.4 %.
 fn rounded(v: Vec3) -> [f32; 3] {
     let v = v.to_array().map(|v| if v > 0.0 { v.min(LARGEST_VALUE) } else { 0.0 });
     let largest = v.iter().fold(0.0_f32, |a, &b| a.max(b));
     if largest < SMALLEST {
         return [0.0; 3];
     }
-    // The power of two below the largest channel, over 128: the common unit of 8-bit mantissas.
+    // The largest power of two up to the largest channel, divided by 128, is the unit of the
+    // mantissas.
     let unit = f32::from_bits(largest.to_bits() & 0xff80_0000) / 128.0;
     v.map(|v| (v / unit).round() * unit)
 }
@@ -134,7 +135,7 @@ mod tests {
     }
 
     #[test]
-    fn exposures_are_divided_out() {
+    fn values_are_divided_by_the_exposure() {
         let rgb = Plane::from_fn(4, 2, |_, _| Vec3::new(2.0, 4.0, 8.0));
         let bytes = String::from_utf8_lossy(&encode(&rgb)).find('\n').unwrap();
         let (first, rest) = (encode(&rgb)[..=bytes].to_vec(), encode(&rgb)[bytes + 1..].to_vec());
@@ -161,7 +162,7 @@ mod tests {
     }
 
     #[test]
-    fn values_without_a_code_are_replaced() {
+    fn invalid_values_are_replaced() {
         let rgb = Plane::from_vec(2, 1, vec![Vec3::new(f32::NAN, -1.0, 1.0), Vec3::splat(f32::INFINITY)]);
         let back = decode(Path::new("t.hdr"), &encode(&rgb), &ReadOptions::default()).unwrap().picture.rgb;
         assert_eq!(back[(0, 0)], Vec3::new(0.0, 0.0, 1.0));
@@ -169,7 +170,7 @@ mod tests {
     }
 
     #[test]
-    fn a_header_cannot_claim_more_than_the_file_can_hold() {
+    fn rejects_headers_with_more_pixels_than_the_file_can_hold() {
         let bytes = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 10000 +X 10000\nabcd";
         let error = decode(Path::new("t.hdr"), bytes, &ReadOptions::default()).unwrap_err();
         assert!(error.to_string().contains("too few"), "{error}");

@@ -1,11 +1,11 @@
 //! Raw files of cameras, by `rawler`: linear camera RGB without white balance, colour matrix or
 //! tone curve.
 //!
-//! The black level is subtracted and the result divided by the white level, as given by the file or
-//! the table of cameras. The mosaic is binned: every 2 x 2 pixels (3 x 3 of X-Trans) become one
-//! pixel with the means of their colours, so that no colour is invented. The unknown colour of the
-//! light absorbs the white balance. Vignetting is corrected where a DNG file gives it
-//! (`OpcodeList3`, `FixVignetteRadial`); other lens corrections are not applied.
+//! The black level is subtracted and the result divided by the white level, both according to the
+//! file or the table of cameras. The mosaic is binned: every 2 x 2 pixels (3 x 3 for X-Trans)
+//! become one pixel with the means of their colours, so that no colour is interpolated. The unknown
+//! colour of the light absorbs the white balance. Vignetting is corrected if a DNG file describes
+//! it (`OpcodeList3`, `FixVignetteRadial`); other lens corrections are not applied.
 
 use std::path::Path;
 
@@ -29,13 +29,13 @@ const PIXELS_PER_BYTE: u64 = 64;
 pub(super) struct Raw {
     /// Linear colours, 1 at the white level, more where vignetting was corrected.
     rgb: Plane<Vec3>,
-    /// Value of clipped channels; all others are below.
+    /// Value of clipped channels; all others are below it.
     level: f32,
     pub(super) shot: Shot,
 }
 
 impl Raw {
-    /// Returns 16-bit codes of which the largest means clipped.
+    /// Returns 16-bit codes; the largest code means clipped.
     pub(super) fn codes(&self) -> Codes {
         Codes::Sixteen(self.rgb.map(|v| (65535.0 * *v / self.level).to_array().map(|v| v.round() as u16)))
     }
@@ -48,7 +48,7 @@ impl Raw {
     }
 }
 
-/// Whether files of this extension (lower case) are raw files.
+/// Returns whether files of this extension (lower case) are raw files.
 pub(super) fn is_raw(extension: &str) -> bool {
     rawler::decoders::supported_extensions().iter().any(|e| e.eq_ignore_ascii_case(extension))
 }
@@ -59,7 +59,7 @@ pub(super) fn develop(path: &Path, bytes: &[u8], options: &ReadOptions) -> Resul
         let failed = |e: rawler::RawlerError| explain(path, &e);
         let source = RawSource::new_from_slice(bytes).with_path(path);
         let decoder = rawler::get_decoder(&source).map_err(failed)?;
-        // The decoder allocates the memory that the header asks for.
+        // The decoder allocates memory for the size in the header, so check that size first.
         if let Ok(Some(ifd)) = decoder.ifd(WellKnownIFD::Raw) {
             check_header(path, &ifd, bytes.len() as u64, options)?;
         }
@@ -127,7 +127,7 @@ type Develop<'a> = Box<dyn Fn(usize, usize) -> Option<Vec3> + 'a>;
 fn demosaic(path: &Path, image: &RawImage) -> Result<Plane<Vec3>, Error> {
     let data = image.data.as_f32();
     let (width, height, samples) = (image.width, image.height, image.cpp);
-    // Some decoders count samples, others pixels.
+    // Some decoders report the width in samples, others in pixels.
     let width = if data.len() == width * height { width / samples.max(1) } else { width };
     if samples == 0 || width == 0 || data.len() < width * height * samples {
         return Err(Error::damaged(path, "has fewer samples than its size requires"));
@@ -191,15 +191,15 @@ fn demosaic(path: &Path, image: &RawImage) -> Result<Plane<Vec3>, Error> {
     Ok(Plane::from_vec(columns, rows, pixels.ok_or_else(unsupported)?))
 }
 
-/// Vignetting correction of a lens: the gain at distance `r` from the centre is
-/// `1 + k0 r^2 + k1 r^4 + ...`, where the farthest corner is at 1.
+/// Vignetting correction of a lens: the gain at distance `r` from the centre is `1 + k0 r^2 + k1
+/// r^4 + ...`, where the farthest corner is at `r = 1`.
 struct Radial {
     k: [f64; 5],
-    /// Centre, as a share of the width and height.
+    /// Centre, as a fraction of the width and height.
     centre: [f64; 2],
 }
 
-/// Finds `FixVignetteRadial` (opcode 3) in the corrections after the mosaic.
+/// Returns `FixVignetteRadial` (opcode 3) among the corrections after demosaicing.
 fn vignetting(tags: &IFD) -> Option<Radial> {
     let bytes: Vec<u8> = match &tags.get_entry(DngTag::OpcodeList3)?.value {
         Value::Byte(bytes) | Value::Undefined(bytes) => bytes.clone(),
@@ -241,7 +241,7 @@ impl Raw {
     }
 }
 
-/// Turns the picture upright.
+/// Rotates the picture upright.
 fn turned(picture: &Plane<Vec3>, orientation: Orientation) -> Plane<Vec3> {
     let (swap, flip_x, flip_y) = orientation.to_flips();
     let (width, height) = picture.size();

@@ -1,5 +1,6 @@
-//! Response curves as text: a line for each code, comma-separated, with the natural logarithms of
-//! the exposures that it stands for in red, green and blue.
+//! Response curves as comma-separated text.
+//!
+//! Each code has a line with the natural logarithms of its exposures in red, green and blue.
 //!
 //! ```text
 //! code,red,green,blue
@@ -9,9 +10,9 @@
 //! 255,0.83,0.82,0.85
 //! ```
 //!
-//! Codes count from 0 in steps of one, usually to 255 or 65535; for pictures of another depth the
-//! curve is resampled to their codes. Lines that begin with `#`, the header and empty lines are
-//! skipped. A single column instead of three holds for all channels.
+//! Codes count from 0 in steps of one, usually to 255 or 65535; for pictures of another bit depth,
+//! the curve is resampled to their codes. Lines that begin with `#`, the header and empty lines are
+//! skipped. A single column instead of three applies to all channels.
 
 use std::fmt::Write;
 use std::path::Path;
@@ -20,16 +21,17 @@ use gonio::bracket::Response;
 
 use crate::{Error, atomic, guard};
 
-/// Longest file: 65536 lines of three numbers leave room.
+/// Longest file in bytes, larger than 65536 lines of three numbers.
 const MAX_BYTES: u64 = 1 << 24;
 
-/// Reads a response curve: text with a line `code,red,green,blue` for each code from 0 on, with
-/// natural logarithms of the exposures that it stands for, or `code,all`. For pictures of another
-/// depth the curve is resampled to their codes. Lines that begin with `#` or `code` and empty lines
-/// are skipped.
+/// Reads a response curve.
+///
+/// The text has a line `code,red,green,blue` or `code,all` for each code from 0, with the natural
+/// logarithms of its exposures. For pictures of another bit depth, the curve is resampled to their
+/// codes. Lines that begin with `#` or `code` and empty lines are skipped.
 ///
 /// # Errors
-/// If the file cannot be read, a line is not of this form, or a curve falls or is flat.
+/// If the file cannot be read, a line has another form, or a curve decreases or is flat.
 pub fn read_response(path: impl AsRef<Path>) -> Result<Response, Error> {
     let path = path.as_ref();
     decode_response(path, &guard::read_whole(path, MAX_BYTES)?)
@@ -68,16 +70,16 @@ pub fn encode_response(response: &Response) -> Vec<u8> {
     text.push_str("code,red,green,blue\n");
     let [red, green, blue] = [0, 1, 2].map(|channel| response.curve(channel));
     for (code, ((r, g), b)) in red.iter().zip(green).zip(blue).enumerate() {
-        // Nine digits are more than the precision of any camera.
-        writeln!(text, "{code},{r:.9},{g:.9},{b:.9}").expect("text takes any text");
+        // Nine digits exceed the precision of any camera.
+        writeln!(text, "{code},{r:.9},{g:.9},{b:.9}").expect("writing to a String cannot fail");
     }
     text.into_bytes()
 }
 
-/// Writes [`encode_response`].
+/// Writes the result of [`encode_response`] to a file.
 ///
 /// # Errors
-/// If the file cannot be written; nothing is left behind then.
+/// If the file cannot be written; no partial file is left then.
 pub fn write_response(path: impl AsRef<Path>, response: &Response) -> Result<(), Error> {
     atomic::write_file(path, &encode_response(response))
 }
@@ -91,7 +93,7 @@ mod tests {
     }
 
     #[test]
-    fn a_response_comes_back() {
+    fn responses_round_trip() {
         let srgb = Response::srgb(255);
         let back = decode_response(Path::new("r"), &encode_response(&srgb)).unwrap();
         assert!((0..256).all(|k| (back.curve(1)[k] - srgb.curve(1)[k]).abs() < 1e-8));
@@ -100,7 +102,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_response_is_refused_with_the_line() {
+    fn errors_of_invalid_responses_name_the_line() {
         for (text, says) in [
             ("", "does not have the same number of codes as the others"),
             ("0,1\n1,0", "falls"),

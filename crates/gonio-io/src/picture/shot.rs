@@ -4,8 +4,8 @@ use std::io::Cursor;
 
 use exif::{Context, In, Reader, Tag, Value};
 
-/// Camera settings that determine the brightness of a picture; `None` where the file does not give
-/// one.
+/// Camera settings that determine the brightness of a picture; `None` if the file does not state
+/// them.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Shot {
     /// Exposure time, seconds; positive.
@@ -17,19 +17,18 @@ pub struct Shot {
 }
 
 impl Shot {
-    /// Reads the EXIF data of a JPEG, PNG or TIFF file; all settings are `None` where they are
-    /// missing or cannot be read.
+    /// Reads the EXIF data of a JPEG, PNG or TIFF file; settings that are missing or unreadable are
+    /// `None`.
     pub fn of(bytes: &[u8]) -> Self {
-        // The parser is a third party's: whatever it makes of a damaged file must not stop the
-        // picture from being read.
+        // A panic of the third-party parser on damaged data must not prevent reading the picture.
         let parse = || {
             let read = Reader::new().continue_on_error(true).read_from_container(&mut Cursor::new(bytes));
-            // Some cameras leave out the pointer to a next directory, which nothing here needs.
+            // Some cameras omit the pointer to the next directory, which is not needed here.
             read.or_else(|error| error.distill_partial_result(|_| ())).ok()
         };
         let Some(exif) = std::panic::catch_unwind(parse).ok().flatten() else { return Self::default() };
         let number = |tag: Tag| -> Option<f64> {
-            // Some programs write these tags beside those of the picture instead of in the EXIF
+            // Some programs write these tags among those of the picture instead of in the EXIF
             // directory.
             let beside = || exif.get_field(Tag(Context::Tiff, tag.number()), In::PRIMARY);
             let value = match &exif.get_field(tag, In::PRIMARY).or_else(beside)?.value {

@@ -10,8 +10,7 @@ use super::{Decoded, Encoding, icc};
 use crate::Error;
 use crate::colour_space::{ColourSpace, Primaries};
 
-/// Least number of pixels that share the largest value where a file clips, as `gonio::scene` counts
-/// them.
+/// Smallest number of pixels with the largest value that indicates clipping, as in `gonio::scene`.
 const CLIPPED_PIXELS: usize = 12;
 
 /// Largest negative channel, relative to the largest channel of the pixel, that counts as rounding.
@@ -30,13 +29,14 @@ pub enum SpaceSource {
     Cicp,
     /// The chunks `sRGB`, or `cHRM` and `gAMA`, of a PNG file.
     Chunks,
-    /// [`ReadOptions::colour_space`](super::ReadOptions::colour_space); the file states nothing.
+    /// [`ReadOptions::colour_space`](super::ReadOptions::colour_space), because the file states
+    /// none.
     Given,
-    /// Assumed, as neither the file nor the caller states a space.
+    /// Assumed, because neither the file nor the caller states a space.
     Assumed,
-    /// A camera's raw file: its own primaries, not converted.
+    /// Primaries of a camera raw file, not converted.
     Camera,
-    /// A picture without colour: there is nothing to convert.
+    /// A picture without colour, which is not converted.
     Grey,
 }
 
@@ -57,10 +57,10 @@ impl SpaceSource {
     }
 }
 
-/// The colour space that the values of a file were in.
+/// Colour space of the values in a file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct InputSpace {
-    /// Name of a [`ColourSpace`], or else of the ICC profile, `custom`, `camera` or `grey`.
+    /// Name of a [`ColourSpace`] or of the ICC profile, or else `custom`, `camera` or `grey`.
     pub name: String,
     /// Source of the colour space.
     pub source: SpaceSource,
@@ -76,23 +76,23 @@ pub struct InputSpace {
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Conversion {
     None,
-    /// By the matrix from linear values of the file.
+    /// Matrix from linear values of the file.
     Matrix(DMat3),
-    /// By the table in an ICC profile, whose bytes these are, from codes in 0..=1.
+    /// Bytes of an ICC profile with a table from codes in 0..=1.
     Table(Vec<u8>),
 }
 
-/// Colour information of a file: its primaries, or the table that stands for them.
+/// Colour information of a file: its primaries, or a table instead of them.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Stated {
-    /// Conversion, name (if it is not that of a named space) and source.
+    /// Conversion, name (unless it is that of a named space) and source.
     pub(super) space: Option<(Conversion, Option<String>, SpaceSource)>,
     /// Colour information that could not be used, and why.
     pub(super) unusable: Option<String>,
 }
 
 impl Stated {
-    /// Returns what chromaticities in a file state; `field` names them in messages.
+    /// Returns the space of the chromaticities in a file; `field` is their name in messages.
     pub(super) fn primaries(primaries: &Primaries, source: SpaceSource, field: &str) -> Self {
         match primaries.to_rec709() {
             Some(matrix) => Self { space: Some((Conversion::Matrix(matrix), None, source)), unusable: None },
@@ -100,7 +100,8 @@ impl Stated {
         }
     }
 
-    /// Chooses between what the file states and the space that the caller gave: the file wins.
+    /// Combines the space that the file states with the space that the caller gave; the file takes
+    /// precedence.
     pub(super) fn settle(self, given: Option<ColourSpace>) -> (Conversion, InputSpace) {
         let Self { space, unusable } = self;
         let of_given = || {
@@ -120,15 +121,16 @@ impl Stated {
 }
 
 impl InputSpace {
-    /// The space of a picture without colour, or of a camera; `name` is for [`Self::name`].
+    /// Returns the space of a picture without colour, or of a camera, with the
+    /// [`name`](Self::name).
     pub(super) fn unconverted(name: &str, source: SpaceSource) -> Self {
         Self { name: name.to_owned(), source, overridden: None, unusable: None, clamped: 0 }
     }
 }
 
 impl Decoded {
-    /// Wraps a picture in memory whose colours are linear and in a colour space. `full_scale` is
-    /// the radiance at or above which a channel is clipped.
+    /// Wraps a picture in memory with linear colours in a colour space. `full_scale` is the
+    /// radiance at or above which a channel is clipped.
     pub fn linear(picture: Picture, full_scale: Option<f32>, space: ColourSpace) -> Self {
         let (conversion, input) = Stated::default().settle(Some(space));
         Self { picture, encoding: Encoding::LinearFloat, full_scale, layer: None, input, conversion }
@@ -140,13 +142,14 @@ impl Decoded {
         matches!(self.conversion, Conversion::Table(_))
     }
 
-    /// Converts the picture to linear Rec. 709; one that already is stays as it is.
+    /// Converts the picture to linear Rec. 709, if it is in another space.
     ///
     /// Channels that become negative, because Rec. 709 cannot express the colour, are set to zero
-    /// and counted; negative channels of the file itself are converted as they are. A pixel with a
-    /// channel at or above [`full_scale`](Self::full_scale), or at a largest value that many pixels
-    /// share, gets a largest channel above those of all unclipped pixels, the new `full_scale`.
-    /// Call it after corrections that act on the channels of the file.
+    /// and counted; negative channels of the file are converted unchanged. A pixel with a channel
+    /// at or above [`full_scale`](Self::full_scale), or at a largest value that many pixels share,
+    /// is scaled so that its largest channel exceeds those of all unclipped pixels; this value is
+    /// the new `full_scale`. Call this function after corrections that act on the channels of the
+    /// file.
     ///
     /// # Errors
     /// If the table of an ICC profile cannot be evaluated.
@@ -185,8 +188,9 @@ impl Decoded {
     }
 }
 
-/// Stores the converted colour of a pixel, without the negative channels that conversion made of
-/// a sound colour; returns 1 if there were any.
+/// Stores the converted colour of a pixel; returns 1 if it clamped channels.
+///
+/// Negative channels are set to zero if the original colour has none.
 fn clamp((new, old, converted): (&mut Vec3, &Vec3, &Vec3)) -> usize {
     let sound = old.cmpge(Vec3::ZERO).all();
     *new = if sound { converted.max(Vec3::ZERO) } else { *converted };
@@ -203,7 +207,7 @@ fn raise(colour: &mut Vec3, level: f32) {
     }
 }
 
-/// Returns the largest value if so many pixels share it that it is no coincidence.
+/// Returns the largest value if at least [`CLIPPED_PIXELS`] pixels share it.
 fn repeated_maximum(pixels: &[Vec3]) -> Option<f32> {
     let values = || pixels.iter().map(|v| v.max_element()).filter(|v| v.is_finite());
     let largest = values().fold(0.0, f32::max);
@@ -225,7 +229,7 @@ mod tests {
     }
 
     #[test]
-    fn the_space_of_the_file_wins() {
+    fn the_space_of_the_file_takes_precedence() {
         let p3 = Stated::primaries(&ColourSpace::DisplayP3.primaries(), SpaceSource::Icc, "");
         let (_, input) = p3.clone().settle(Some(ColourSpace::AcesCg));
         assert_eq!((input.name.as_str(), input.overridden), ("display-p3", Some(ColourSpace::AcesCg)));
@@ -239,7 +243,7 @@ mod tests {
     }
 
     #[test]
-    fn colours_outside_the_gamut_are_clamped_and_faults_are_kept() {
+    fn colours_outside_the_gamut_are_clamped_and_invalid_values_kept() {
         let green = Vec3::new(0.0, 1.0, 0.0);
         let got = decoded(ColourSpace::Rec2020, vec![green, Vec3::ONE, -Vec3::ONE, Vec3::NAN], None);
         let rgb = got.picture.rgb.as_slice();

@@ -1,5 +1,7 @@
-//! The ICC profile of a TIFF file. The decoder of `image` rejects profiles that are long in
-//! relation to the picture, so the tag is read here.
+//! The ICC profile of a TIFF file.
+//!
+//! The decoder of `image` rejects profiles that are long in relation to the picture, so this module
+//! reads the tag.
 
 /// Tag of the profile.
 const ICC_PROFILE: u16 = 34_675;
@@ -17,7 +19,7 @@ pub(super) fn icc_profile(bytes: &[u8]) -> Option<&[u8]> {
         Some(if big_endian { field.iter().fold(0, add) } else { field.iter().rev().fold(0, add) })
     };
     let place = |at: usize, length: usize| number(at, length).and_then(|n| usize::try_from(n).ok());
-    // Lengths of an offset, of the number of entries, and of an entry.
+    // Lengths in bytes of an offset, of the number of entries, and of an entry.
     let (offset, counter, entry) = match number(2, 2)? {
         42 => (4, 2, 12),
         43 => (8, 8, 20),
@@ -28,7 +30,7 @@ pub(super) fn icc_profile(bytes: &[u8]) -> Option<&[u8]> {
     let first = directory.checked_add(counter)?;
     let at =
         (0..count).map(|i| first.saturating_add(i * entry)).find(|at| number(*at, 2) == Some(ICC_PROFILE.into()))?;
-    // BYTE or UNDEFINED.
+    // The type must be BYTE or UNDEFINED.
     if !matches!(number(at + 2, 2)?, 1 | 7) {
         return None;
     }
@@ -65,7 +67,7 @@ mod tests {
     }
 
     #[test]
-    fn profiles_are_found_in_every_kind_of_file() {
+    fn reads_profiles_of_all_file_variants() {
         for (big, swap) in [(false, false), (false, true), (true, false), (true, true)] {
             let bytes = file(big, swap);
             assert_eq!(icc_profile(&bytes), Some(&b"a profile"[..]), "big {big}, swapped {swap}");

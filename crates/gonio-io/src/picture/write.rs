@@ -1,5 +1,6 @@
-//! Encoding and writing of pictures. Every file is encoded in memory first and then written
-//! [atomically](crate::atomic).
+//! Encoding and writing of pictures.
+//!
+//! Every file is encoded in memory first and then written [atomically](crate::atomic).
 
 use std::fs;
 use std::io::Cursor;
@@ -20,24 +21,25 @@ use super::{exr, pfm, radiance};
 use crate::colour_space::{ColourSpace, Primaries};
 use crate::{Error, atomic};
 
-/// Contents of an OpenEXR file besides its colours.
+/// Contents of an OpenEXR file in addition to its colours.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ExrOptions<'a> {
-    /// Coverage, of the size of the picture; colour should already be multiplied by it.
+    /// Coverage, of the size of the picture; colour must already be multiplied by it.
     pub alpha: Option<&'a Plane<f32>>,
     /// Radiance at or above which a channel is clipped: the attribute `clipLevel`, positive and
     /// finite.
     pub clip_level: Option<f32>,
-    /// Space that the colours are in: the attribute `chromaticities`. Readers take a file without
-    /// it for Rec. 709.
+    /// Space of the colours: the attribute `chromaticities`. Readers assume Rec. 709 for files
+    /// without it.
     pub space: Option<ColourSpace>,
 }
 
 /// Encodes OpenEXR with 32-bit float channels `R G B`, and `A` if alpha is given, compressed
-/// losslessly. Any float value is kept. Colour should already be multiplied by alpha.
+/// losslessly. All float values are preserved, including NaN. Colour must already be multiplied by
+/// alpha.
 ///
 /// # Panics
-/// If the picture has no pixels, or alpha another size.
+/// If the picture has no pixels, or alpha has another size.
 pub fn encode_exr(rgb: &Plane<Vec3>, alpha: Option<&Plane<f32>>) -> Vec<u8> {
     encode_exr_with(rgb, &ExrOptions { alpha, ..ExrOptions::default() })
 }
@@ -68,16 +70,19 @@ pub fn encode_exr_in(rgb: &Plane<Vec3>, alpha: Option<&Plane<f32>>, space: Colou
     }
 }
 
-/// Encodes like [`encode_exr`], with the attributes of the options. The colours are written as they
-/// are.
+/// Encodes like [`encode_exr`], with the attributes of the options. The colours are not converted.
 ///
 /// # Panics
-/// If the picture has no pixels, alpha another size, or the clip level is not positive and finite.
+/// If the picture has no pixels, alpha has another size, or the clip level is not positive and
+/// finite.
 pub fn encode_exr_with(rgb: &Plane<Vec3>, options: &ExrOptions<'_>) -> Vec<u8> {
     let ExrOptions { alpha, clip_level, space } = *options;
-    assert!(clip_level.is_none_or(|level| level > 0.0 && level.is_finite()), "a clip level is positive");
+    assert!(
+        clip_level.is_none_or(|level| level > 0.0 && level.is_finite()),
+        "the clip level must be positive and finite"
+    );
     let (width, height) = rgb.size();
-    assert!(width > 0 && height > 0, "a picture has pixels");
+    assert!(width > 0 && height > 0, "the picture must have pixels");
     let attributes = || {
         let mut attributes = LayerAttributes::default();
         let level = clip_level.map(|level| (Text::from(exr::CLIP_LEVEL), AttributeValue::F32(level)));
@@ -91,7 +96,7 @@ pub fn encode_exr_with(rgb: &Plane<Vec3>, options: &ExrOptions<'_>) -> Vec<u8> {
     let mut bytes = Cursor::new(Vec::new());
     let written = match alpha {
         Some(alpha) => {
-            assert_eq!(alpha.size(), rgb.size(), "alpha has the size of the picture");
+            assert_eq!(alpha.size(), rgb.size(), "alpha must have the size of the picture");
             let channels = SpecificChannels::rgba(|Vec2(x, y): Vec2<usize>| {
                 let v = rgb[(x, y)];
                 (v.x, v.y, v.z, alpha[(x, y)])
@@ -107,7 +112,7 @@ pub fn encode_exr_with(rgb: &Plane<Vec3>, options: &ExrOptions<'_>) -> Vec<u8> {
                 .to_buffered(&mut bytes)
         }
     };
-    written.expect("memory can be written");
+    written.expect("writing to memory cannot fail");
     bytes.into_inner()
 }
 
@@ -118,19 +123,18 @@ fn chromaticities(space: ColourSpace) -> Chromaticities {
     Chromaticities { red, green, blue, white }
 }
 
-/// Encodes a portable float map, 32-bit little-endian RGB. Any float value is kept.
+/// Encodes a portable float map, 32-bit little-endian RGB. All float values are preserved.
 pub fn encode_pfm(rgb: &Plane<Vec3>) -> Vec<u8> {
     pfm::encode(rgb)
 }
 
-/// Encodes Radiance HDR, precise to 1 part in 256 of the largest channel; negative values and
-/// not-a-number become 0, values beyond the range of the format its largest.
+/// Encodes Radiance HDR, precise to 1 part in 256 of the largest channel; negative values and NaN
+/// become 0, values beyond the range of the format its largest value.
 pub fn encode_hdr(rgb: &Plane<Vec3>) -> Vec<u8> {
     radiance::encode(rgb)
 }
 
-/// Encodes linear values as an 8-bit sRGB PNG; those outside 0..=1 are clamped, not-a-number
-/// becomes 0.
+/// Encodes linear values as an 8-bit sRGB PNG; values outside 0..=1 are clamped, NaN becomes 0.
 ///
 /// # Panics
 /// If the picture has no pixels.
@@ -139,8 +143,10 @@ pub fn encode_png(rgb: &Plane<Vec3>) -> Vec<u8> {
     encode_png_srgb8(rgb.width(), rgb.height(), &samples)
 }
 
-/// The sRGB code of a linear value, as `srgb_encode` rounds it: in a table by the leading bits of
-/// the value, which decide it but for one step.
+/// Returns the rounded sRGB code of a linear value.
+///
+/// A table indexed by the leading 16 bits of the value holds the code and the value at which the
+/// next code begins.
 fn srgb8(value: f32) -> u8 {
     const FIRST: u32 = 114 << 7;
     const LAST: u32 = 127 << 7;
@@ -149,7 +155,7 @@ fn srgb8(value: f32) -> u8 {
         let step = |bits: u32| {
             let (low, high) = (bits << 16, (bits + 1) << 16);
             let code = exact(f32::from_bits(low));
-            // The least value of the next code, if it begins here.
+            // The smallest value of the next code, if that code begins in this interval.
             let (mut below, mut above) = (low, high);
             while above - below > 1 {
                 let middle = below + (above - below) / 2;
@@ -170,10 +176,10 @@ fn srgb8(value: f32) -> u8 {
     }
 }
 
-/// Encodes like [`encode_png`] and notes in the file which program wrote it: [`is_signed`] tells.
+/// Encodes like [`encode_png`] and stores the name of the program in the file, for [`is_signed`].
 ///
 /// # Panics
-/// As [`encode_png`], or if `program` is not short.
+/// Like [`encode_png`], and if `program` is longer than a PNG chunk allows.
 pub fn encode_png_signed(rgb: &Plane<Vec3>, program: &str) -> Vec<u8> {
     let mut bytes = encode_png(rgb);
     // The last chunk, `IEND`, is empty.
@@ -182,7 +188,7 @@ pub fn encode_png_signed(rgb: &Plane<Vec3>, program: &str) -> Vec<u8> {
     bytes
 }
 
-/// Whether a file is a PNG that [`encode_png_signed`] made for this program.
+/// Returns whether a file is a PNG that [`encode_png_signed`] wrote for this program.
 pub fn is_signed(path: impl AsRef<Path>, program: &str) -> bool {
     let signature = signature(program);
     fs::read(path).is_ok_and(|bytes| {
@@ -190,7 +196,7 @@ pub fn is_signed(path: impl AsRef<Path>, program: &str) -> bool {
     })
 }
 
-/// A text chunk of a PNG file that names the program.
+/// Returns a text chunk of a PNG file with the name of the program.
 fn signature(program: &str) -> Vec<u8> {
     let mut chunk = b"tEXtSoftware\0".to_vec();
     chunk.extend(program.as_bytes());
@@ -207,19 +213,19 @@ fn signature(program: &str) -> Vec<u8> {
 /// If the number of samples is not `3 * width * height`, or zero, or a side is longer than 2^31 -
 /// 1.
 pub fn encode_png_srgb8(width: usize, height: usize, rgb: &[u8]) -> Vec<u8> {
-    assert!(!rgb.is_empty() && rgb.len() == 3 * width * height, "a picture of {width}x{height} pixels");
-    let side = |n: usize| u32::try_from(n).ok().filter(|&n| n < 1 << 31).expect("a side below 2^31");
+    assert!(!rgb.is_empty() && rgb.len() == 3 * width * height, "the samples must be those of {width}x{height} pixels");
+    let side = |n: usize| u32::try_from(n).ok().filter(|&n| n < 1 << 31).expect("the side must be below 2^31");
     let mut bytes = Vec::new();
     PngEncoder::new(&mut bytes)
         .write_image(rgb, side(width), side(height), ExtendedColorType::Rgb8)
-        .expect("memory can be written");
+        .expect("writing to memory cannot fail");
     bytes
 }
 
-/// Writes [`encode_exr`].
+/// Writes the result of [`encode_exr`] to a file.
 ///
 /// # Errors
-/// If the file cannot be written; nothing is left behind then.
+/// If the file cannot be written; no partial file is left then.
 ///
 /// # Panics
 /// Like [`encode_exr`].
@@ -227,26 +233,26 @@ pub fn write_exr(path: impl AsRef<Path>, rgb: &Plane<Vec3>, alpha: Option<&Plane
     atomic::write_file(path, &encode_exr(rgb, alpha))
 }
 
-/// Writes [`encode_pfm`].
+/// Writes the result of [`encode_pfm`] to a file.
 ///
 /// # Errors
-/// If the file cannot be written; nothing is left behind then.
+/// If the file cannot be written; no partial file is left then.
 pub fn write_pfm(path: impl AsRef<Path>, rgb: &Plane<Vec3>) -> Result<(), Error> {
     atomic::write_file(path, &encode_pfm(rgb))
 }
 
-/// Writes [`encode_hdr`].
+/// Writes the result of [`encode_hdr`] to a file.
 ///
 /// # Errors
-/// If the file cannot be written; nothing is left behind then.
+/// If the file cannot be written; no partial file is left then.
 pub fn write_hdr(path: impl AsRef<Path>, rgb: &Plane<Vec3>) -> Result<(), Error> {
     atomic::write_file(path, &encode_hdr(rgb))
 }
 
-/// Writes [`encode_png`].
+/// Writes the result of [`encode_png`] to a file.
 ///
 /// # Errors
-/// If the file cannot be written; nothing is left behind then.
+/// If the file cannot be written; no partial file is left then.
 ///
 /// # Panics
 /// Like [`encode_png`].
@@ -254,10 +260,10 @@ pub fn write_png(path: impl AsRef<Path>, rgb: &Plane<Vec3>) -> Result<(), Error>
     atomic::write_file(path, &encode_png(rgb))
 }
 
-/// Writes [`encode_png_srgb8`].
+/// Writes the result of [`encode_png_srgb8`] to a file.
 ///
 /// # Errors
-/// If the file cannot be written; nothing is left behind then.
+/// If the file cannot be written; no partial file is left then.
 ///
 /// # Panics
 /// Like [`encode_png_srgb8`].
@@ -275,7 +281,7 @@ mod tests {
     }
 
     #[test]
-    fn exr_keeps_every_bit() {
+    fn exr_preserves_every_bit() {
         let (rgb, alpha) = (wavy(), Plane::from_fn(37, 21, |x, _| x as f32 / 36.0));
         let read = |bytes: &[u8]| decode(Path::new("t"), bytes, &ReadOptions::default()).unwrap().picture;
         let got = read(&encode_exr(&rgb, Some(&alpha)));
@@ -285,14 +291,14 @@ mod tests {
     }
 
     #[test]
-    fn exr_keeps_what_is_not_a_number() {
+    fn exr_preserves_values_that_are_not_finite() {
         let rgb = Plane::from_vec(1, 1, vec![Vec3::new(f32::NAN, f32::INFINITY, -1.0)]);
         let got = decode(Path::new("t"), &encode_exr(&rgb, None), &ReadOptions::default()).unwrap().picture.rgb;
         assert!(got[(0, 0)].x.is_nan() && got[(0, 0)].y == f32::INFINITY && got[(0, 0)].z == -1.0);
     }
 
     #[test]
-    fn exr_keeps_the_clip_level() {
+    fn exr_preserves_the_clip_level() {
         let bytes = encode_exr_clipped(&wavy(), None, 12.5);
         let got = decode(Path::new("t"), &bytes, &ReadOptions::default()).unwrap();
         assert_eq!((got.full_scale, got.picture.rgb), (Some(12.5), wavy()));
@@ -305,7 +311,7 @@ mod tests {
     }
 
     #[test]
-    fn exr_states_its_colour_space_and_comes_back() {
+    fn exr_round_trips_in_all_colour_spaces() {
         let rgb = wavy().map(|v| v.abs());
         for space in ColourSpace::ALL {
             let got = decode(Path::new("t"), &encode_exr_in(&rgb, None, space), &ReadOptions::default()).unwrap();
@@ -322,7 +328,7 @@ mod tests {
     }
 
     #[test]
-    fn png_codes_linear_values() {
+    fn png_encodes_linear_values() {
         let rgb = Plane::from_vec(2, 1, vec![Vec3::new(0.0, 0.2158605, 2.0), Vec3::new(f32::NAN, -1.0, 1.0)]);
         let options = ReadOptions { linear: true, ..Default::default() };
         let got = decode(Path::new("t"), &encode_png(&rgb), &options).unwrap().picture.rgb;
@@ -330,7 +336,7 @@ mod tests {
     }
 
     #[test]
-    fn codes_are_those_of_the_curve() {
+    fn tabulated_codes_match_the_srgb_curve() {
         for i in 0..200_000 {
             let value = i as f32 * 6e-6;
             assert_eq!(srgb8(value), (srgb_encode(value) * 255.0).round() as u8, "{value}");

@@ -1,14 +1,14 @@
 //! Writing of materials in the format of the RGL database, which Mitsuba 3 and pbrt-v4 read as
 //! `measured`.
 //!
-//! A table over half and difference angle has no measured incident directions, so the incident
-//! directions of the file, and the factor by which its values are divided, may be chosen. The
-//! density `D` is the material's own lobe, the mean of its table over the difference angle: the
-//! remaining values over the warped square are smooth, however sharp the lobe. `sigma` is a
-//! constant. Half of the warp follows the lobe, half is even over the coordinate of the angle, so
-//! that neither the peak nor the tail is sampled coarsely; it is the same for all incident
-//! directions. `luminance`, from which a renderer draws its samples, holds everything that the warp
-//! does not.
+//! A table over half and difference angle has no measured incident directions, so this module
+//! chooses the incident directions of the file and the factor by which its values are divided. The
+//! density `D` is the lobe of the material, the mean of its table over the difference angle. The
+//! remaining values over the warped square are therefore smooth, even for sharp lobes. `sigma` is a
+//! constant. Half of the warp follows the lobe, half is uniform over the coordinate of the angle,
+//! so that neither the peak nor the tail is sampled coarsely; the warp is the same for all incident
+//! directions. `luminance`, from which a renderer draws its samples, contains the part of the
+//! density that the warp does not.
 
 use std::f64::consts::{FRAC_PI_2, TAU};
 
@@ -18,7 +18,8 @@ use gonio::reflectance::BivariateTable;
 use super::spectra::{self, BASIS};
 use super::tensor::{FLOAT32, MAGIC, UINT8};
 
-/// Samples of the density along the angle: those of a table, the horizon, and one between any two.
+/// Samples of the density along the angle: those of a table, the horizon, and one between each
+/// pair.
 const FINE: usize = 181;
 /// Samples along each side of the warped square.
 const SIDE: usize = 64;
@@ -27,7 +28,7 @@ const INCIDENT: [f64; 22] = [
     0.0, 5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 35.0, 40.0, 45.0, 50.0, 55.0, 60.0, 64.0, 68.0, 72.0, 75.0, 78.0, 81.0,
     84.0, 87.0, 89.0,
 ];
-/// Least density, as a share of the greatest: avoids a division by zero where the material is
+/// Smallest density, as a fraction of the largest; avoids a division by zero where the material is
 /// black.
 const LEAST_DENSITY: f64 = 1e-9;
 
@@ -36,8 +37,8 @@ const LEAST_DENSITY: f64 = 1e-9;
 pub enum Channels {
     /// Linear RGB, for Mitsuba's variants of this kind: `NAME_rgb.bsdf`.
     Rgb,
-    /// Fifteen wavelengths from 380 to 730 nm, of a smooth spectrum that has the colour under D65,
-    /// for Mitsuba's spectral variants and pbrt-v4: `NAME_spec.bsdf`.
+    /// Fifteen wavelengths from 380 to 730 nm, of a smooth spectrum with the colour under D65, for
+    /// Mitsuba's spectral variants and pbrt-v4: `NAME_spec.bsdf`.
     Spectral,
 }
 
@@ -90,7 +91,7 @@ pub fn encode(tables: &[BivariateTable; 3], description: &str, channels: Channel
     file(&fields)
 }
 
-/// Values at a place of the warped square.
+/// Values at a point of the warped square.
 struct Sample {
     /// `f cos_o / D`, zero beyond the horizon: renderers reject negative values.
     rgb: [f64; 3],
@@ -102,10 +103,10 @@ struct Sample {
 struct Shape {
     /// Luminance of the tables.
     luminance: BivariateTable,
-    /// Values at [`FINE`] places of the coordinate `sqrt(2 theta / pi)`.
+    /// Values at [`FINE`] samples of the coordinate `sqrt(2 theta / pi)`.
     lobe: Vec<f64>,
     warp: Vec<f64>,
-    /// Coordinates that the warp maps to [`SIDE`] evenly spaced places.
+    /// Coordinates that the warp maps to [`SIDE`] evenly spaced points.
     places: Vec<f64>,
 }
 
@@ -120,7 +121,7 @@ impl Shape {
         let mut lobe: Vec<f64> = (0..FINE).map(mean).collect();
         let least = LEAST_DENSITY * lobe.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
         lobe.iter_mut().for_each(|x| *x = x.max(least));
-        // Solid angle of the half vectors between two coordinates.
+        // Lobe times the projected solid angle of the half vectors per coordinate.
         let carried = |i: usize| {
             let (x, theta) = (unit(i, FINE), angle(unit(i, FINE)));
             lobe[i] * x * theta.sin() * theta.cos()
@@ -141,7 +142,7 @@ impl Shape {
         between(&self.warp, x)
     }
 
-    /// Returns the coordinate below which a share of the warp lies.
+    /// Returns the coordinate below which the fraction `share` of the warp lies.
     fn place(&self, share: f64) -> f64 {
         let cells = self.warp.windows(2).map(|pair| 0.5 * (pair[0] + pair[1]));
         let total: f64 = cells.clone().sum();
@@ -190,7 +191,7 @@ fn angle(x: f64) -> f64 {
     x * x * FRAC_PI_2
 }
 
-/// Returns the place of sample `i` of `n` in the unit interval.
+/// Returns the position of sample `i` of `n` in the unit interval.
 fn unit(i: usize, n: usize) -> f64 {
     i as f64 / (n - 1) as f64
 }
@@ -215,7 +216,7 @@ impl Field {
     }
 }
 
-/// Lays fields out: header, then values at multiples of eight bytes.
+/// Encodes fields: a header, then values at multiples of eight bytes.
 fn file(fields: &[Field]) -> Vec<u8> {
     let header: usize = MAGIC.len() + 6 + fields.iter().map(|f| 13 + f.name.len() + 8 * f.shape.len()).sum::<usize>();
     let mut bytes = [MAGIC, &[1, 0]].concat();

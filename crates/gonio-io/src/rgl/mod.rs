@@ -2,7 +2,7 @@
 //! Parameterization for Efficient Material Acquisition and Rendering*): `NAME_rgb.bsdf`.
 //!
 //! A material was measured for a few incident directions. Each has a density of visible microfacet
-//! normals, by which outgoing directions are spread so that the measured samples are dense where
+//! normals, which distributes the outgoing directions so that the measured samples are dense where
 //! the material is bright. With the half vector `m` of incident direction `i` and outgoing
 //! direction `o`, all angles as unit coordinates (`sqrt(2 theta / pi)`, `phi / (2 pi) + 1/2`), and
 //! the warp `w_i` of the density:
@@ -14,9 +14,9 @@
 //! directions, radians), `sigma` and `ndf` (the projected area of the microfacets by direction,
 //! their density `D` by normal), `vndf` (for each incident direction the density by normal, its
 //! azimuth relative to that of the incident direction), `rgb` (for each incident direction and
-//! channel, over the square that the warp maps to), `jacobian` (whether the values are still to be
+//! channel, over the square that the warp maps to), `jacobian` (whether the values must be
 //! multiplied by `D / (4 sigma)`) and `description`. Others (`luminance`, for drawing samples;
-//! `valid`, which samples were measured and not filled in) are not used.
+//! `valid`, which marks measured samples) are not used.
 //!
 //! [`encode`] writes such a file from tables over half and difference angle.
 
@@ -38,7 +38,7 @@ pub(crate) use tensor::MAGIC;
 use tensor::Tensors;
 use warp::{Directions, Stack, Warp};
 
-/// Longest file read, 256 MiB: an isotropic RGB material takes less than one.
+/// Longest file read, 256 MiB: an isotropic RGB material takes less than 1 MiB.
 const MAX_BYTES: u64 = 1 << 28;
 /// Largest number of azimuths of the incident direction that an isotropic material has.
 const ISOTROPIC: usize = 2;
@@ -46,7 +46,7 @@ const ISOTROPIC: usize = 2;
 /// A measured isotropic material in three channels.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Rgl {
-    /// Description of the material by those who measured it; may be empty.
+    /// Description of the material in the file; may be empty.
     pub description: String,
     incident: Directions,
     sigma: Stack,
@@ -136,7 +136,7 @@ impl Rgl {
     /// blue). Measured values are reciprocal only within the error of the measurement; the light
     /// takes the role of the incident direction here.
     pub fn eval(&self, wi: DVec3, wo: DVec3) -> [f64; 3] {
-        // Written so that NaN counts as below.
+        // This form of the condition treats NaN as below the surface.
         if !(wi.z > 0.0 && wo.z > 0.0) {
             return [0.0; 3];
         }
@@ -160,7 +160,7 @@ impl Rgl {
 
     /// Resamples the material to a table of the MERL database, missing (-1) below the horizon.
     ///
-    /// Such a table is reciprocal, but the measurement is not quite: a cell holds the mean of
+    /// The table is reciprocal, but the measurement only approximately: a cell holds the mean of
     /// [`Self::eval`] at its directions and with light and viewer exchanged, each weighted by the
     /// cosine of its outgoing direction. The measured quantity is the product with that cosine, so
     /// errors grow as it falls.
@@ -172,12 +172,12 @@ impl Rgl {
     }
 }
 
-/// Returns the angle to the normal, precise even near it.
+/// Returns the angle to the normal, accurate also for small angles.
 fn elevation(d: DVec3) -> f64 {
     d.x.hypot(d.y).atan2(d.z)
 }
 
-/// Returns the unit coordinate of an angle to the normal: dense around it.
+/// Returns the unit coordinate of an angle to the normal, dense around the normal.
 fn of_theta(theta: f64) -> f64 {
     (2.0 * FRAC_1_PI * theta).sqrt()
 }

@@ -1,11 +1,10 @@
 //! Spectra of red, green and blue, for spectral renderers.
 //!
 //! Every colour within sRGB is a mixture of these three; none is negative, they sum to one, and
-//! under D65 they have the colours that they stand for (`tools/spectral_basis.py`, after Mallett
+//! under D65 they have the colours red, green and blue (`tools/spectral_basis.py`, after Mallett
 //! and Yuksel 2019, *Spectral Primary Decomposition for Rendering with sRGB Reflectance*).
 
-/// Wavelengths in nm, with the reflectances of the spectra of red, green and blue there; linear
-/// between.
+/// Wavelengths in nm with the reflectances of the red, green and blue spectra; linear between.
 pub(super) const BASIS: [(f32, [f32; 3]); 15] = [
     (380.0, [0.1918, 0.0301, 0.7781]),
     (405.0, [0.1158, 0.0033, 0.8809]),

@@ -17,7 +17,7 @@ pub(super) const UINT8: u8 = 1;
 /// Type of single precision.
 pub(super) const FLOAT32: u8 = 10;
 
-/// One array, its values still bytes.
+/// One array with its values as bytes.
 #[derive(Clone, Debug)]
 struct Field<'a> {
     kind: u8,
@@ -33,10 +33,10 @@ pub(super) struct Tensors<'a> {
 }
 
 impl<'a> Tensors<'a> {
-    /// Finds the arrays of a file held in memory; `path` is only used in error messages.
+    /// Parses the arrays of a file held in memory; `path` is only used in error messages.
     ///
     /// # Errors
-    /// If the header is invalid, or refers to bytes that the file does not have.
+    /// If the header is invalid or refers to bytes beyond the end of the file.
     pub(super) fn parse(path: &'a Path, bytes: &'a [u8]) -> Result<Self, Error> {
         let Some(rest) = bytes.strip_prefix(MAGIC) else {
             return Err(Error::damaged(path, "does not have the header of an RGL tensor file"));
@@ -50,7 +50,7 @@ impl<'a> Tensors<'a> {
         }
         let count = u32::from_le_bytes(header.take().ok_or_else(short)?);
         let mut fields = BTreeMap::new();
-        // A count that is too large ends with the header's bytes.
+        // If the count is too large, the loop fails at the end of the header.
         for _ in 0..count {
             let (name, field) = field(path, bytes, &mut header).ok_or_else(short)??;
             if fields.contains_key(&name) {
@@ -61,7 +61,7 @@ impl<'a> Tensors<'a> {
         Ok(Self { path, fields })
     }
 
-    /// Returns the file named in messages.
+    /// Returns the path for error messages.
     pub(super) fn path(&self) -> &'a Path {
         self.path
     }
@@ -98,7 +98,7 @@ impl<'a> Tensors<'a> {
     }
 }
 
-/// Reads the next field; `None` where the header ends too early.
+/// Reads the next field; `None` if the header is truncated.
 fn field<'a>(path: &Path, file: &'a [u8], header: &mut Cursor<'a>) -> Option<Result<(String, Field<'a>), Error>> {
     let length = u16::from_le_bytes(header.take()?);
     let name = String::from_utf8_lossy(header.slice(length.into())?).into_owned();
@@ -115,13 +115,13 @@ fn field<'a>(path: &Path, file: &'a [u8], header: &mut Cursor<'a>) -> Option<Res
         let problem = format!("is truncated: {name} with the shape {shape:?} exceeds its {} bytes", file.len());
         return Some(Err(Error::damaged(path, problem)));
     };
-    // Each axis of an array with values is below the length of the file; other axes may be
-    // anything.
+    // Each axis of a non-empty array is below the length of the file; axes of empty arrays may have
+    // any length.
     let shape = shape.iter().map(|n| usize::try_from(*n).unwrap_or(usize::MAX)).collect();
     Some(Ok((name, Field { kind, shape, bytes })))
 }
 
-/// Returns the bytes of one value: signed and unsigned integers of 8 to 64 bits from 1 on, then
+/// Returns the size of one value in bytes. Kinds 1 to 8 are integers of 8 to 64 bits, 9 to 11
 /// floats of 16 to 64 bits.
 fn size_of(kind: u8) -> Option<u64> {
     match kind {
@@ -144,6 +144,6 @@ impl<'a> Cursor<'a> {
     }
 
     fn take<const N: usize>(&mut self) -> Option<[u8; N]> {
-        self.slice(N).map(|s| s.try_into().expect("as many bytes as were asked for"))
+        self.slice(N).map(|s| s.try_into().expect("the slice has N bytes"))
     }
 }

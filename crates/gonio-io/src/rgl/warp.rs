@@ -28,7 +28,8 @@ impl Directions {
         Ok(Self { phi: wide(phi), theta: wide(theta) })
     }
 
-    /// Returns the slices to interpolate between; beyond an end of an axis the last sample is held.
+    /// Returns the slices to interpolate between; beyond the ends of an axis, the last sample
+    /// applies.
     pub(super) fn corners(&self, phi: f64, theta: f64) -> Corners {
         let ((i, s), (j, t)) = (bracket(&self.phi, phi), bracket(&self.theta, theta));
         let n = self.theta.len();
@@ -59,8 +60,8 @@ pub(super) struct Stack {
     values: Vec<f32>,
 }
 
-/// A place between four samples of a slice: indices of the one of lowest coordinates, and the
-/// fractions of the way to the others.
+/// A point between four samples of a slice: indices of the sample with the lowest coordinates, and
+/// fractions of the distance to the others.
 struct Cell {
     column: usize,
     row: usize,
@@ -73,7 +74,7 @@ impl Stack {
     /// If there are fewer than two samples along an axis.
     ///
     /// # Panics
-    /// If the slices are not whole.
+    /// If the number of values is not a multiple of the size of a slice.
     pub(super) fn new(path: &Path, name: &str, [height, width]: [usize; 2], values: Vec<f32>) -> Result<Self, Error> {
         if width < 2 || height < 2 {
             return Err(Error::damaged(
@@ -81,7 +82,7 @@ impl Stack {
                 format!("has {height} x {width} samples for {name}, but at least 2 x 2 are required"),
             ));
         }
-        assert_eq!(values.len() % (width * height), 0, "whole slices");
+        assert_eq!(values.len() % (width * height), 0, "the values must fill whole slices");
         Ok(Self { width, height, values })
     }
 
@@ -95,13 +96,13 @@ impl Stack {
         Cell { column, row, s, t }
     }
 
-    /// Returns the four samples around a place: lower row, then upper row.
+    /// Returns the four samples around a point: lower row, then upper row.
     fn around(&self, slice: usize, cell: &Cell) -> [f64; 4] {
         let low = (slice * self.height + cell.row) * self.width + cell.column;
         [low, low + 1, low + self.width, low + self.width + 1].map(|i| f64::from(self.values[i]))
     }
 
-    /// Evaluates a slice at a place of the unit square, bilinear between samples.
+    /// Evaluates a slice at a point of the unit square, bilinear between samples.
     pub(super) fn at(&self, slice: usize, x: f64, y: f64) -> f64 {
         let cell = self.cell(x, y);
         let [a, b, c, d] = self.around(slice, &cell);
@@ -109,8 +110,8 @@ impl Stack {
     }
 }
 
-/// Densities over the unit square, and for each the map that makes it uniform: first the second
-/// coordinate by its marginal distribution, then the first given the second.
+/// Densities over the unit square, each with the map that makes it uniform. The map transforms the
+/// second coordinate by its marginal distribution, then the first given the second.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Warp {
     density: Stack,
@@ -123,7 +124,7 @@ pub(super) struct Warp {
 }
 
 impl Warp {
-    /// Builds the maps of densities without negative values, on any scale.
+    /// Builds the maps of non-negative densities of any scale.
     ///
     /// # Errors
     /// If a density vanishes everywhere.
@@ -144,7 +145,8 @@ impl Warp {
         }
     }
 
-    /// Maps a place of the square by the density interpolated between slices, each of integral one.
+    /// Maps a point of the square by the density interpolated between slices, each normalised to
+    /// integral one.
     pub(super) fn flatten(&self, corners: &Corners, x: f64, y: f64) -> [f64; 2] {
         let Stack { width, height, .. } = self.density;
         let cell = self.density.cell(x, y);
@@ -169,7 +171,7 @@ impl Warp {
         let reached =
             lerp(part[0], part[1], cell.t) + step_x * integral(lerp(a, c, cell.t), lerp(b, d, cell.t), cell.s);
         let row = lerp(whole[0], whole[1], cell.t);
-        // On a row without density nothing is ever measured; its places are left unchanged.
+        // A row without density contains no measurements, so its points stay unchanged.
         let u = if row > 0.0 { reached / row } else { x };
         [u, v + step_y * integral(whole[0], whole[1], cell.t)]
     }

@@ -56,7 +56,7 @@ pub fn decode(path: &Path, bytes: &[u8]) -> Result<Array, Error> {
     if count.and_then(|n| n.checked_mul(size)) != Some(data.len()) {
         return Err(Error::damaged(
             path,
-            format!("has {} bytes of values, the shape {shape:?} needs others", data.len()),
+            format!("has {} bytes of values, which do not match the shape {shape:?}", data.len()),
         ));
     }
     let value = |b: &[u8]| match (b, little) {

@@ -1,4 +1,4 @@
-//! NumPy arrays as pictures and pictures as NumPy arrays, without copying their values.
+//! Converts between NumPy arrays and pictures without copying their values.
 
 use std::sync::Arc;
 
@@ -14,7 +14,7 @@ use pyo3::prelude::*;
 
 use crate::error::raise;
 
-/// Values of an array, which is kept alive as long as this.
+/// Borrowed values of an array, which is kept alive.
 struct Borrowed {
     start: *const f32,
     length: usize,
@@ -22,20 +22,20 @@ struct Borrowed {
     _owner: Py<PyAny>,
 }
 
-// SAFETY: the memory belongs to an array that `_owner` keeps, and nothing here writes to it. As
-// with every function of NumPy that lets other threads run, the caller must not write to the array
-// meanwhile; the documentation of the package says so.
-#[expect(unsafe_code, reason = "a picture in the memory of an array outlives the call that it was given to")]
+// SAFETY: the memory belongs to an array that `_owner` keeps alive, and this module never writes to
+// it. As with every NumPy function that lets other threads run, the caller must not write to the
+// array meanwhile; the documentation of the package states this.
+#[expect(unsafe_code, reason = "a picture in the memory of an array outlives the call that received it")]
 unsafe impl Send for Borrowed {}
-// SAFETY: as above; all access is reading.
+// SAFETY: as above; all accesses are reads.
 #[expect(unsafe_code, reason = "many threads read one picture")]
 unsafe impl Sync for Borrowed {}
 
 impl<T: AnyBitPattern> AsRef<[T]> for Borrowed {
     fn as_ref(&self) -> &[T] {
-        // SAFETY: `of` has checked that `length` aligned values lie here one after the other; the
-        // owner keeps them.
-        #[expect(unsafe_code, reason = "the only way to values whose owner is Python's")]
+        // SAFETY: `of` has checked that `length` aligned, contiguous values start here; `_owner`
+        // keeps them alive.
+        #[expect(unsafe_code, reason = "the only access to values that Python owns")]
         let values = unsafe { std::slice::from_raw_parts(self.start, self.length) };
         cast_slice(values)
     }
@@ -52,7 +52,7 @@ impl Borrowed {
     }
 }
 
-/// The picture in an array of shape (height, width, 3).
+/// Returns the picture in an array of shape (height, width, 3).
 pub(crate) fn colours(array: &Bound<'_, PyArray3<f32>>) -> PyResult<Plane<Vec3>> {
     let &[height, width, channels] = array.shape() else { unreachable!("three axes") };
     if channels != 3 {
@@ -62,28 +62,28 @@ pub(crate) fn colours(array: &Bound<'_, PyArray3<f32>>) -> PyResult<Plane<Vec3>>
     Ok(Plane::lent(width, height, Arc::new(Borrowed::of(array)?)))
 }
 
-/// The picture in an array of shape (height, width).
+/// Returns the picture in an array of shape (height, width).
 pub(crate) fn values(array: &Bound<'_, PyArray2<f32>>) -> PyResult<Plane<f32>> {
     let &[height, width] = array.shape() else { unreachable!("two axes") };
     Ok(Plane::lent(width, height, Arc::new(Borrowed::of(array)?)))
 }
 
-/// Array that takes ownership of the values.
+/// Creates an array that takes ownership of the values.
 pub(crate) fn array<'py, T: Element, D: Dimension>(
     py: Python<'py>,
     shape: impl numpy::ndarray::ShapeBuilder<Dim = D>,
     values: Vec<T>,
 ) -> Bound<'py, PyArray<T, D>> {
-    Array::from_shape_vec(shape, values).expect("as many values as the shape has").into_pyarray(py)
+    Array::from_shape_vec(shape, values).expect("the number of values matches the shape").into_pyarray(py)
 }
 
-/// Array of shape (height, width, 3), in the memory of the picture.
+/// Converts a picture to an array of shape (height, width, 3) without a copy.
 pub(crate) fn of_colours(py: Python<'_>, picture: Plane<Vec3>) -> Bound<'_, PyArray3<f32>> {
     let (width, height) = picture.size();
     array(py, (height, width, 3), cast_vec(picture.into_vec()))
 }
 
-/// Linear display values as 8-bit samples of shape (height, width, 3).
+/// Converts linear display values to 8-bit sRGB samples of shape (height, width, 3).
 pub(crate) fn coded<'py>(py: Python<'py>, picture: &Plane<Vec3>) -> Bound<'py, PyArray3<u8>> {
     let (width, height) = picture.size();
     let code = |v: f32| (srgb_encode(v.max(0.0)) * 255.0).round() as u8;
@@ -91,7 +91,7 @@ pub(crate) fn coded<'py>(py: Python<'py>, picture: &Plane<Vec3>) -> Bound<'py, P
     array(py, (height, width, 3), samples)
 }
 
-/// The tables of three channels from an array of shape (90, 90, 3).
+/// Returns the tables of the three channels of an array of shape (90, 90, 3).
 pub(crate) fn tables(array: &Bound<'_, PyArray3<f32>>) -> PyResult<[BivariateTable; 3]> {
     let plane = colours(array)?;
     if plane.size() != (THETA_D, THETA_H) {
@@ -109,7 +109,7 @@ pub(crate) fn tables(array: &Bound<'_, PyArray3<f32>>) -> PyResult<[BivariateTab
     Ok([0, 1, 2].map(|c| BivariateTable::from_vec(cells.iter().map(|v| v[c]).collect())))
 }
 
-/// Array of shape (90, 90, 3).
+/// Converts the tables of three channels to an array of shape (90, 90, 3).
 pub(crate) fn of_tables<'py>(py: Python<'py>, tables: &[BivariateTable; 3]) -> Bound<'py, PyArray3<f32>> {
     let [r, g, b] = tables.each_ref().map(BivariateTable::as_slice);
     let values = r.iter().zip(g).zip(b).flat_map(|((r, g), b)| [*r, *g, *b]).collect();

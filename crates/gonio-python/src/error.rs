@@ -11,7 +11,7 @@ use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use pyo3::types::PyType;
 
-/// Words a suggestion as arguments of the package.
+/// Returns the text of a suggestion, in terms of the arguments of the package.
 pub(crate) fn words(remedy: &Remedy) -> Option<String> {
     let words = match remedy {
         Remedy::Outline => "specify the outline of the ball with circle=(x, y, radius)",
@@ -57,7 +57,7 @@ pub(crate) fn words(remedy: &Remedy) -> Option<String> {
     Some(words.to_owned())
 }
 
-/// Words warnings for the user of the package.
+/// Returns the texts of warnings for users of the package.
 pub(crate) fn worded(warnings: &[Warning]) -> Vec<String> {
     warnings.iter().map(|warning| warning.worded(&words)).collect()
 }

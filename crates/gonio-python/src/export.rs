@@ -15,13 +15,13 @@ use crate::error::raise;
 use crate::render::merl_table;
 use crate::work::{self, Listeners};
 
-/// Names and descriptions of the targets.
+/// Returns the names and descriptions of the targets.
 #[pyfunction]
 pub(crate) fn export_targets() -> Vec<(&'static str, &'static str)> {
     Target::ALL.map(Target::names).into()
 }
 
-/// Writes a folder; returns the contents of its `export.json`.
+/// Writes the files for renderers to a folder; returns the contents of its `export.json`.
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "called from one place, which names them")]
 #[pyo3(signature = (folder, table, full, light, to, name, albedo, tables, colorspace, input, listeners))]

@@ -22,10 +22,10 @@ use crate::error::{raise, worded};
 use crate::likelihood::Likelihood;
 use crate::render::merl_table;
 
-/// Colours, coverage, the radiance at which the file says that it clips, and warnings.
+/// Colours, coverage, clip level of the file, and warnings.
 type ReadImage<'py> = (Bound<'py, PyArray3<f32>>, Option<Bound<'py, PyArray2<f32>>>, Option<f32>, Vec<String>);
 
-/// The colour space of a name that the package has checked.
+/// Returns the colour space of a name that the package has checked.
 fn named(name: Option<&str>) -> Option<ColourSpace> {
     name.and_then(ColourSpace::named)
 }
@@ -49,7 +49,7 @@ pub(crate) fn read_image(
     Ok((arrays::of_colours(py, rgb), alpha, decoded.full_scale, worded(&warnings)))
 }
 
-/// Reads a light map, a list of directional lights, or makes a light of our own by its name.
+/// Reads a light map or a list of directional lights, or creates a built-in light by its name.
 #[pyfunction]
 #[pyo3(signature = (path, colorspace))]
 pub(crate) fn read_light(
@@ -70,7 +70,7 @@ pub(crate) fn read_normals(py: Python<'_>, path: PathBuf) -> PyResult<Bound<'_, 
     Ok(arrays::of_colours(py, normals))
 }
 
-/// Names and other names of the colour spaces.
+/// Returns the names and aliases of the colour spaces.
 #[pyfunction]
 pub(crate) fn colour_spaces() -> Vec<&'static str> {
     ColourSpace::ALL
@@ -92,8 +92,8 @@ pub(crate) fn convert_colours<'py>(
     Ok(arrays::of_colours(py, arrays::colours(rgb)?.map(|v| matrix * *v)))
 }
 
-/// Writes a picture by the ending of its name: .exr, .hdr or .pfm. With `clip`, an EXR file says
-/// that nothing is known of pixels of this radiance.
+/// Writes a picture in the format of its file name: .exr, .hdr or .pfm. `clip` is the clip level
+/// stored in an EXR file.
 #[pyfunction]
 #[pyo3(signature = (path, rgb, alpha, clip, colorspace))]
 pub(crate) fn write_image(
@@ -122,7 +122,7 @@ pub(crate) fn write_image(
     .map_err(|problem| raise(&problem, py))
 }
 
-/// A PNG of 8-bit samples of shape (height, width, 3).
+/// Encodes 8-bit samples of shape (height, width, 3) as PNG bytes.
 fn png(samples: &Bound<'_, PyArray3<u8>>) -> PyResult<Vec<u8>> {
     let &[height, width, channels] = samples.shape() else { unreachable!("three axes") };
     if channels != 3 || samples.is_empty() {
@@ -151,7 +151,7 @@ pub(crate) fn read_brdf(py: Python<'_>, path: PathBuf, any: bool) -> PyResult<Re
     Ok((arrays::of_tables(py, &tables), arrays::array(py, (3, THETA_H, THETA_D, PHI_D), values)))
 }
 
-/// Writes a BRDF by the ending of its name: .binary (MERL), _spec.bsdf or .bsdf (RGL).
+/// Writes a BRDF in the format of its file name: .binary (MERL), _spec.bsdf or .bsdf (RGL).
 #[pyfunction]
 #[pyo3(signature = (path, table, full, name))]
 pub(crate) fn write_brdf(
@@ -187,7 +187,7 @@ fn encode_brdf(
     })
 }
 
-/// Contents of a folder of results, as `gonio infer` writes it.
+/// Contents of a result folder, as `gonio infer` writes it.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub(crate) struct SavedResult<'py> {
@@ -196,14 +196,14 @@ pub(crate) struct SavedResult<'py> {
     light: Option<Bound<'py, PyArray3<f32>>>,
     quantiles: Option<Bound<'py, PyArray3<f32>>>,
     rgb_quantiles: Option<Bound<'py, PyArray4<f32>>>,
-    /// Pictures by name, of 8-bit samples of shape (height, width, 3); only those that a folder of
-    /// results holds are written.
+    /// Pictures by name, of 8-bit samples of shape (height, width, 3). Pictures that are not part
+    /// of a result folder are ignored.
     pictures: HashMap<String, Bound<'py, PyArray3<u8>>>,
     notes: String,
     page: Option<String>,
 }
 
-/// Writes a folder of results, completely or, on error, not at all.
+/// Writes a result folder, completely or, on error, not at all.
 #[pyfunction]
 pub(crate) fn save(py: Python<'_>, folder: PathBuf, result: SavedResult<'_>) -> PyResult<()> {
     let SavedResult { table, likelihood, light, quantiles, rgb_quantiles, pictures, notes, page } = result;
@@ -229,7 +229,7 @@ pub(crate) fn save(py: Python<'_>, folder: PathBuf, result: SavedResult<'_>) -> 
     py.detach(write).map_err(|e| raise(&e.into(), py))
 }
 
-/// The space of the results, by their numbers.
+/// Returns the output colour space stated in the notes of a result.
 fn space_of(notes: &str) -> ColourSpace {
     let notes = serde_json::from_str::<serde_json::Value>(notes).unwrap_or_default();
     named(notes["colorspace"]["output"].as_str()).unwrap_or_default()

@@ -1,4 +1,4 @@
-//! Inference from a photograph to everything that a `gonio.Posterior` holds.
+//! Inference from a photograph to the values of a `gonio.Posterior`.
 
 use glam::Vec3;
 use gonio::colour::ChromaField;
@@ -47,7 +47,7 @@ pub(crate) struct Settings<'py> {
 }
 
 impl Settings<'_> {
-    /// The method, by names that the package has checked.
+    /// Returns the method from names that the package has checked.
     fn method(&self) -> PyResult<Result<Method, Problem>> {
         let solver = match self.solver.as_str() {
             "parallel" => Solver::Parallel,
@@ -83,7 +83,7 @@ impl Settings<'_> {
         })
     }
 
-    /// Colour spaces, by names that the package has checked.
+    /// Returns the colour spaces from names that the package has checked.
     fn spaces(&self) -> Spaces {
         let named = |name: &str| ColourSpace::named(name);
         Spaces {
@@ -118,7 +118,7 @@ impl Settings<'_> {
     }
 }
 
-/// Infers; returns the values of a `Posterior`, or of a `BasisPosterior`, by name.
+/// Runs the inference; returns the values of a `Posterior` or of a `BasisPosterior` by name.
 #[pyfunction]
 pub(crate) fn infer<'py>(
     py: Python<'py>,
@@ -134,7 +134,7 @@ pub(crate) fn infer<'py>(
     spell_out(py, answer, model)
 }
 
-/// Runs an inference beside Python.
+/// Runs an inference on a separate thread.
 fn work_on<T: Send + 'static>(
     py: Python<'_>,
     settings: Settings<'_>,
@@ -196,20 +196,20 @@ pub(crate) fn infer_regions<'py>(
     spelt.collect()
 }
 
-/// All pictures by name: those of a folder of results, and the panels they are made of.
+/// Returns all pictures by name: those of a result folder and the panels that they consist of.
 fn pictures(answer: &Answer) -> Vec<(&'static str, Plane<Vec3>)> {
     let mut pictures = answer.pictures();
     if let Some(panels) = &answer.panels {
         let Panels { photograph, observed, reproduction, residual, light, spheres, .. } = panels;
         let named = [photograph, observed, reproduction, residual, light].map(Clone::clone);
         pictures.extend(["photograph", "observed", "reproduction", "residual", "light"].into_iter().zip(named));
-        // The first sphere is the one that folders of results hold.
+        // The pictures of a result folder already contain the first sphere.
         pictures.extend(spheres.iter().skip(1).cloned());
     }
     pictures
 }
 
-/// Adds a BRDF to a dictionary, by the names of `gonio._types.FoundBrdf`; gives its dictionary.
+/// Returns a dictionary of a BRDF with the keys of `gonio._types.FoundBrdf`.
 fn of_table<'py>(py: Python<'py>, table: BivariateTable, field: &ChromaField) -> PyResult<Bound<'py, PyDict>> {
     let out = PyDict::new(py);
     out.set_item("table", arrays::of_tables(py, &field.tables(&table)))?;
@@ -219,7 +219,7 @@ fn of_table<'py>(py: Python<'py>, table: BivariateTable, field: &ChromaField) ->
     Ok(out)
 }
 
-/// Dictionary of a material, by the names of `gonio._types.FoundMaterial`.
+/// Returns a dictionary of a material with the keys of `gonio._types.FoundMaterial`.
 pub(crate) fn of_material<'py>(
     py: Python<'py>,
     material: &Material,
@@ -246,13 +246,13 @@ pub(crate) fn of_material<'py>(
     let three = |values: [f64; 3]| arrays::array(py, 3, values.to_vec());
     out.set_item("gloss", three(material.gloss))?;
     out.set_item("alpha", three(material.highlight.alpha))?;
-    // On the scale of the table.
+    // Gloss units are proportional to the scale of the table.
     out.set_item("gloss_units", material.highlight.units.map(|units| three(units.map(|u| u * scale))))?;
     out.set_item("verdict", material.verdict())?;
     Ok(out)
 }
 
-/// Pictures by name as sRGB samples of shape (height, width, 3).
+/// Converts pictures to a dictionary of sRGB samples of shape (height, width, 3) by name.
 pub(crate) fn shown<'py>(py: Python<'py>, pictures: Vec<(&'static str, Plane<Vec3>)>) -> PyResult<Bound<'py, PyDict>> {
     let out = PyDict::new(py);
     for (name, picture) in pictures {
@@ -261,8 +261,8 @@ pub(crate) fn shown<'py>(py: Python<'py>, pictures: Vec<(&'static str, Plane<Vec
     Ok(out)
 }
 
-/// Dictionary of the results, by the names of `gonio._types.Found`, or, of a method that tells of
-/// coefficients alone, `FoundInBasis`.
+/// Returns a dictionary of the results with the keys of `gonio._types.Found`, or of `FoundInBasis`
+/// for methods that estimate coefficients only.
 fn spell_out<'py>(py: Python<'py>, answer: Answer, model: &Bound<'py, Model>) -> PyResult<Bound<'py, PyDict>> {
     let (field, light_colour) = (answer.colouring.field(), answer.colouring.light());
     let channels = answer.material.as_ref().map(|material| answer.colouring.quantiles(material));

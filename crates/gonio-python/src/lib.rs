@@ -2,8 +2,8 @@
 //! arrays and dictionaries. Classes, defaults and documentation are in `python/gonio`, the types of
 //! this module in `_gonio.pyi`.
 //!
-//! Long work runs on a thread of its own without the interpreter's lock, and ends when the user
-//! presses Ctrl-C (`work`). Arrays come and go without copies (`arrays`).
+//! Long computations run on a separate thread without the interpreter's lock and stop on Ctrl-C
+//! (`work`). Arrays are passed without copies (`arrays`).
 
 mod arrays;
 mod error;
@@ -21,7 +21,7 @@ mod work;
 
 use pyo3::prelude::*;
 
-/// Internal functions of the package `gonio`; not for use by themselves.
+/// Internal functions of the package `gonio`; not for direct use.
 #[pymodule]
 mod _gonio {
     #[pymodule_export]

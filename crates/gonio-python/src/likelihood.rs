@@ -54,7 +54,7 @@ pub(crate) fn draw<'py>(
     Ok(arrays::array(py, (count, THETA_H, THETA_D), tables))
 }
 
-/// Likelihood of one photograph: in memory, or in a folder of results.
+/// Likelihood of one photograph, in memory or in a result folder.
 #[derive(FromPyObject)]
 pub(crate) enum Given<'py> {
     Found((String, Bound<'py, Likelihood>)),

@@ -1,4 +1,4 @@
-//! Photographs before anything is inferred: what would be looked at, and exposures merged.
+//! Checks of photographs without inference, and merging of exposures.
 
 use std::path::PathBuf;
 
@@ -18,7 +18,7 @@ use crate::infer::GivenRegions;
 use crate::scene::{GivenReading, GivenScene};
 use crate::work::{self, Listeners};
 
-/// Finds the objects of a photograph; returns the values of a `Checked` by name.
+/// Detects the objects of a photograph; returns the values of a `Checked` by name.
 #[pyfunction]
 #[pyo3(signature = (scene, regions, listeners))]
 pub(crate) fn check<'py>(
@@ -76,8 +76,8 @@ pub(crate) fn merge(
     Ok(out)
 }
 
-/// Main exposure of each pixel, from 0; -1 where it is clipped in all, -2 where it
-/// is black in all, -3 where they contradict each other.
+/// Returns the main exposure of each pixel, from 0; -1 if all exposures are clipped, -2 if all are
+/// black, -3 if they contradict each other.
 fn origin<'py>(py: Python<'py>, known: &Plane<Known>) -> Bound<'py, PyArray2<i16>> {
     let (width, height) = known.size();
     let code = |known: &Known| match known {

@@ -1,4 +1,4 @@
-//! Models, decoded once.
+//! Models, which are decoded only once.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -26,7 +26,7 @@ pub(crate) struct Model {
 const EMBEDDED: &str = "the embedded model";
 
 impl Model {
-    /// Creates a newly trained model.
+    /// Wraps a newly trained model.
     pub(crate) fn learnt(model: Arc<gonio::model::Model>) -> Self {
         Self { model, name: "the model".into(), is_embedded: false }
     }

@@ -1,4 +1,4 @@
-//! The light around a mirror ball.
+//! Estimates the light around a mirror ball.
 
 use gonio_app::{Journal, Mirror};
 use numpy::{PyArray2, PyArray3};
@@ -18,8 +18,8 @@ pub(crate) struct Settings {
     second_yaw: Option<f64>,
 }
 
-/// Light of shape (rows, 2 rows, 3), share of it that was seen of shape (rows, 2 rows), a picture
-/// of 8-bit samples, numbers as JSON, and warnings.
+/// Light of shape (rows, 2 rows, 3), observed fraction of each texel of shape (rows, 2 rows), a
+/// picture of 8-bit samples, notes as JSON, and warnings.
 type Probe<'py> = (Bound<'py, PyArray3<f32>>, Bound<'py, PyArray2<f32>>, Bound<'py, PyArray3<u8>>, String, Vec<String>);
 
 /// Unwraps one or two photographs of a mirror ball.

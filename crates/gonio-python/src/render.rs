@@ -1,4 +1,4 @@
-//! Pictures of a BRDF.
+//! Rendering and evaluation of a BRDF.
 
 use gonio::gloss::{GgxWidths, Glossmeter};
 use gonio::inference::learnt::peak_over_base;
@@ -31,8 +31,8 @@ pub(crate) struct Settings {
 /// Radiance of shape (height, width, 3), coverage of shape (height, width), and warnings.
 type Rendered<'py> = (Bound<'py, PyArray3<f32>>, Bound<'py, numpy::PyArray2<f32>>, Vec<String>);
 
-/// Renders a sphere or a mesh under a lat-long light, with a BRDF given by its table over two
-/// angles or, if there is one, by its full table over three.
+/// Renders a sphere or a mesh under a lat-long light, with a BRDF given by its full table over
+/// three angles, or else by its table over two.
 #[pyfunction]
 #[pyo3(signature = (table, full, light, shape, settings, listeners))]
 pub(crate) fn render<'py>(
@@ -77,7 +77,7 @@ pub(crate) fn render<'py>(
     Ok((arrays::of_colours(py, rgb), arrays::array(py, (height, width), alpha), worded(&warnings)))
 }
 
-/// The table in an array of shape (3, 90, 90, 180).
+/// Returns the table in an array of shape (3, 90, 90, 180).
 pub(crate) fn merl_table(array: &Bound<'_, PyArray4<f32>>) -> PyResult<MerlTable> {
     let values = array.readonly();
     let values = values.as_array();
@@ -90,20 +90,20 @@ pub(crate) fn merl_table(array: &Bound<'_, PyArray4<f32>>) -> PyResult<MerlTable
     ))
 }
 
-/// The light that results are shown in: shape (height, 2 height, 3).
+/// Returns the studio light in which results are shown, of shape (height, 2 height, 3).
 #[pyfunction]
 pub(crate) fn studio(py: Python<'_>, height: usize) -> Bound<'_, PyArray3<f32>> {
     arrays::of_colours(py, studio_light(height).radiance().clone())
 }
 
-/// Share of the light along the normal that the luminance of a table reflects.
+/// Returns the albedo of the luminance of a table at normal incidence.
 #[pyfunction]
 pub(crate) fn normal_albedo(table: &Bound<'_, PyArray3<f32>>) -> PyResult<f64> {
     Ok(BivariateTable::luminance(&arrays::tables(table)?).normal_albedo())
 }
 
-/// Gloss, GGX alpha (one without a highlight) and gloss units at 20 and 60 degrees of luminance
-/// tables of shape (count, 90, 90): shape (count, 4).
+/// Returns gloss, GGX alpha (1 without a highlight) and gloss units at 20 and 60 degrees, of shape
+/// (count, 4), for luminance tables of shape (count, 90, 90).
 #[pyfunction]
 pub(crate) fn highlights<'py>(
     py: Python<'py>,
@@ -129,7 +129,7 @@ pub(crate) fn highlights<'py>(
     Ok(arrays::array(py, (count, 4), numbers))
 }
 
-/// Values of a table at half and difference angles in radians: shape (n, 3).
+/// Returns the values of a table at half and difference angles in radians, of shape (n, 3).
 #[pyfunction]
 pub(crate) fn eval<'py>(
     py: Python<'py>,

@@ -1,4 +1,4 @@
-//! Photographs and objects as Python gives them, for `gonio_app`.
+//! Converts photographs and objects from Python to types of `gonio_app`.
 
 use std::path::PathBuf;
 
@@ -33,7 +33,7 @@ pub(crate) enum GivenShots<'py> {
     Exposures(Vec<PathBuf>),
 }
 
-/// How the files of a photograph are read.
+/// Options for reading the files of a photograph.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub(crate) struct GivenReading {
@@ -88,7 +88,7 @@ enum GivenPositions<'py> {
     File(PathBuf),
 }
 
-/// A camera or a pose: JSON, or a file of it.
+/// A camera or a pose, as JSON or as a JSON file.
 #[derive(FromPyObject)]
 enum Json {
     Bytes(Vec<u8>),
@@ -104,7 +104,7 @@ impl Json {
     }
 }
 
-/// Normals, with how they are meant.
+/// Normals with their conventions and positions.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 struct GivenNormals<'py> {
@@ -120,7 +120,7 @@ struct GivenNormals<'py> {
     positions: Option<GivenPositions<'py>>,
 }
 
-/// The shape of an object, as Python gives it; `mesh` or `normals` take precedence over the name.
+/// The shape of an object; `mesh` or `normals` take precedence over the name.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 struct GivenShape<'py> {
@@ -133,8 +133,8 @@ struct GivenShape<'py> {
     depth_axis: Option<f64>,
 }
 
-/// A neutral reference in a photograph: one of the first three. No corners where a chart is to be
-/// detected.
+/// A neutral reference in a photograph: `white`, `grey_card`, or else a chart. The chart is
+/// detected if `corners` is `None`.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 struct GivenReference<'py> {
@@ -145,7 +145,7 @@ struct GivenReference<'py> {
     color_only: bool,
 }
 
-/// A photograph and what is known of its object.
+/// A photograph and the known properties of its object.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub(crate) struct GivenScene<'py> {
@@ -287,8 +287,8 @@ impl GivenPositions<'_> {
     }
 }
 
-/// The picture of what each pixel of an array of shape (height, width, ...) holds; `problem` if
-/// that is nothing anywhere.
+/// Returns the values of an array of shape (height, width, ...) as a picture. Fails with `problem`
+/// if all values are `None`.
 fn surface<'py, T>(
     array: &impl PyUntypedArrayMethods<'py>,
     py: Python<'py>,
@@ -302,7 +302,7 @@ fn surface<'py, T>(
     Ok(Plane::from_vec(shape[1], shape[0], values))
 }
 
-/// Extracts the shape that `render` shows.
+/// Extracts the shape for `render`.
 pub(crate) fn take_shape(given: &Bound<'_, PyAny>) -> PyResult<Shape> {
     given.extract::<GivenShape<'_>>()?.take()
 }

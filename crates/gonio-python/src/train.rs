@@ -75,7 +75,7 @@ fn channel(name: &str) -> Result<Channel, Problem> {
     })
 }
 
-/// Settings by which the prior of light is learnt.
+/// Settings for learning the light prior.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub(crate) struct LightingOptions {
@@ -89,7 +89,7 @@ pub(crate) struct LightingOptions {
 /// Bytes of a model file that was not written to disk, and the note of its origin.
 type Part = (Py<PyBytes>, String);
 
-/// Learns the prior of light.
+/// Learns the light prior.
 #[pyfunction]
 pub(crate) fn train_lighting(
     py: Python<'_>,
@@ -115,7 +115,7 @@ pub(crate) fn train_lighting(
     Ok((PyBytes::new(py, &bytes).unbind(), provenance))
 }
 
-/// Settings by which the basis of reflectance is learnt.
+/// Settings for learning the reflectance basis.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub(crate) struct ReflectanceOptions {
@@ -128,7 +128,7 @@ pub(crate) struct ReflectanceOptions {
 /// Root mean square errors by material.
 type Errors = Vec<(String, f64)>;
 
-/// Learns the basis of reflectance; also returns the error of each material.
+/// Learns the reflectance basis; also returns the error of each material.
 #[pyfunction]
 pub(crate) fn train_reflectance(
     py: Python<'_>,
@@ -153,7 +153,7 @@ pub(crate) fn train_reflectance(
     Ok((PyBytes::new(py, &bytes).unbind(), provenance, errors))
 }
 
-/// Settings by which the posterior of materials is learnt.
+/// Settings for learning the posterior of materials.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub(crate) struct PosteriorOptions {
@@ -190,7 +190,7 @@ pub(crate) fn train_posterior(
     Ok((PyBytes::new(py, &bytes).unbind(), provenance))
 }
 
-/// Joins a model from its parts: each the bytes of a file and its name in messages.
+/// Joins the parts of a model, each given as the bytes of a file and its name in messages.
 #[pyfunction]
 #[pyo3(signature = (lighting, reflectance, posterior))]
 pub(crate) fn join(

@@ -36,15 +36,15 @@ struct Shared {
     events: Mutex<Vec<(&'static str, f64)>>,
 }
 
-/// The worker's end: reports progress, and ends the work when nobody waits for it any more.
+/// Handle of the worker: reports progress and stops the work on request.
 #[derive(Clone)]
 pub(crate) struct Reporter(Arc<Shared>);
 
-/// Payload with which a worker unwinds when it is told to stop.
+/// Payload with which a worker unwinds on a request to stop.
 struct Stopped;
 
 impl Reporter {
-    /// Reports that a fraction (0..=1) of a stage is done; unwinds if the worker is told to stop.
+    /// Reports that a fraction (0..=1) of a stage is done; unwinds on a request to stop.
     pub(crate) fn at(&self, stage: &'static str, fraction: f64) {
         if self.0.stop.load(Ordering::Relaxed) {
             resume_unwind(Box::new(Stopped));
@@ -59,10 +59,10 @@ impl Reporter {
     }
 }
 
-/// Threads that work on Rust's side; without them those of Rayon, one for each core.
+/// Thread pool of all computations; `None` means Rayon's global pool with one thread per core.
 static POOL: Mutex<Option<Arc<ThreadPool>>> = Mutex::new(None);
 
-/// Chooses the number of threads of all work from now on; one for each core without a number.
+/// Sets the number of threads of all later computations; `None` means one per core.
 #[pyfunction]
 #[pyo3(signature = (count))]
 pub(crate) fn set_threads(py: Python<'_>, count: Option<usize>) -> PyResult<()> {
@@ -72,8 +72,10 @@ pub(crate) fn set_threads(py: Python<'_>, count: Option<usize>) -> PyResult<()> 
     Ok(())
 }
 
-/// Runs the job while other threads of Python run. When waiting ends before the job does, by Ctrl-C
-/// or by an exception of a listener, the worker stops the next time it reports.
+/// Runs the job while other Python threads run.
+///
+/// If Ctrl-C or an exception of a listener ends the wait before the job, the worker stops at its
+/// next report.
 pub(crate) fn run<T: Send + 'static>(
     py: Python<'_>,
     listeners: Listeners,
@@ -89,7 +91,7 @@ pub(crate) fn run<T: Send + 'static>(
             Some(pool) => pool.install(work),
             None => work(),
         };
-        // Nobody listens after an interruption.
+        // After an interruption, the receiver no longer exists.
         let _ = sender.send(done);
     })?;
     loop {
@@ -112,7 +114,7 @@ pub(crate) fn run<T: Send + 'static>(
 }
 
 impl Listeners {
-    /// No callbacks; Ctrl-C still works.
+    /// Returns listeners without callbacks; Ctrl-C still works.
     pub(crate) fn none() -> Self {
         Self { progress: None, poll: None }
     }

@@ -5,7 +5,7 @@ use gonio::picture::{Picture, Plane};
 use gonio::render::Exposure;
 
 /// Reduces the picture to at most `side` pixels on its longer side, exposed so that four fifths of
-/// the pixels that are not black lie below a half. Returns linear display values.
+/// the pixels that are not black lie below one half. Returns linear display values.
 pub fn preview(picture: &Picture, side: usize) -> Plane<Vec3> {
     let small = shrunk(&picture.rgb, side);
     let lit = |i: usize| small.as_slice()[i].max_element() > 0.0;
@@ -13,14 +13,14 @@ pub fn preview(picture: &Picture, side: usize) -> Plane<Vec3> {
     small.map(|v| exposure.apply(*v))
 }
 
-/// Exposes a lat-long light for display: three quarters of it lie below a half, so that lamps are
-/// white.
+/// Exposes a lat-long light for display: three quarters of its texels lie below one half, so that
+/// lamps are white.
 pub fn light(radiance: &Plane<Vec3>) -> Plane<Vec3> {
     let exposure = Exposure::by_quantile(radiance, |_| true, 0.75, 0.5);
     radiance.map(|v| exposure.apply(*v))
 }
 
-/// Means of square blocks of pixels; values that are negative or not finite count as zero.
+/// Averages square blocks of pixels; values that are negative or not finite count as zero.
 fn shrunk(rgb: &Plane<Vec3>, side: usize) -> Plane<Vec3> {
     let (width, height) = rgb.size();
     let step = width.max(height).div_ceil(side.max(1));

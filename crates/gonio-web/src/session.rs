@@ -1,4 +1,4 @@
-//! Inference from a photograph, one step after the other, so that the page can show each result.
+//! Stepwise inference from a photograph, so that the page can show each result.
 
 use std::path::Path;
 
@@ -24,10 +24,10 @@ use serde_json::{Value, json};
 
 use crate::preview;
 
-/// Largest number of pixels: decoded and processed, they take a good part of the four gigabytes
-/// that a page may have.
+/// Largest number of pixels: decoding and processing them takes a large part of the four gigabytes
+/// that a page may use.
 const MAX_PIXELS: u64 = 1 << 25;
-/// Rows of the viewer's own lights, as in the report.
+/// Rows of the built-in lights of the viewer, as in the report.
 const ROWS: usize = 64;
 
 /// A file to save.
@@ -69,7 +69,8 @@ pub struct Session {
 }
 
 impl Session {
-    /// Decodes a photograph; of `name` only the extension matters, beside its use in messages.
+    /// Decodes a photograph. Only the extension of `name` affects decoding; messages contain the
+    /// whole name.
     ///
     /// # Errors
     /// If it cannot be read.
@@ -83,7 +84,7 @@ impl Session {
             name: name.to_owned(),
             picture: decoded.picture,
             clip: decoded.full_scale,
-            // The page has no settings that could be a remedy.
+            // The page has no settings, so warnings do not suggest any.
             warnings: warnings.iter().map(|warning| warning.worded(&|_| None)).collect(),
             sighting: None,
             found: None,
@@ -91,7 +92,7 @@ impl Session {
         })
     }
 
-    /// The photograph as a PNG of at most `side` pixels per side, with its true size.
+    /// Returns the photograph as a PNG of at most `side` pixels per side, with its original size.
     pub fn preview(&self, side: usize) -> Value {
         let (width, height) = self.picture.rgb.size();
         json!({ "width": width, "height": height, "png": png(&preview::preview(&self.picture, side)) })
@@ -211,7 +212,8 @@ impl Session {
         })
     }
 
-    /// Contents of `result.json` as `gonio infer` writes it, without the entries on other files.
+    /// Returns the contents of `result.json` as `gonio infer` writes it, without entries about
+    /// other files.
     fn result(&self, seconds: &str) -> Result<String, String> {
         let (sighting, (material, colouring)) = self.known()?;
         let (light, tint, settings) = self.light.as_ref().ok_or("the light has not been estimated yet")?;
@@ -239,7 +241,7 @@ impl Session {
             sections,
         }
         .result();
-        // Only the program writes the file of the quantiles: the page offers no such file.
+        // The page does not offer the file of quantiles.
         if let Some(reflectance) = result["reflectance"].as_object_mut() {
             reflectance.remove("quantiles");
             reflectance["note"] =
@@ -259,7 +261,7 @@ impl Session {
     }
 }
 
-/// The circle that is the most probable outline of those that an error names.
+/// Returns the most probable outline among the candidates of an error.
 fn guess(error: &SceneError) -> Option<Circle> {
     error.remedies().into_iter().find_map(|remedy| match remedy {
         Remedy::OneOf(circles) => circles.first().copied(),
@@ -272,7 +274,7 @@ fn png(picture: &Plane<Vec3>) -> String {
     format!("data:image/png;base64,{}", STANDARD.encode(gonio_io::picture::encode_png(picture)))
 }
 
-/// Name of a file without its extension.
+/// Returns the name of a file without its extension.
 fn stem(name: &str) -> String {
     Path::new(name).file_stem().unwrap_or_default().to_string_lossy().into_owned()
 }
@@ -290,7 +292,7 @@ mod tests {
     }
 
     #[test]
-    fn a_photograph_goes_all_the_way() {
+    fn a_session_estimates_material_and_light() {
         let mut session = Session::open(model(), "ball.exr", &sample()).unwrap();
         assert!(session.material().unwrap_err().contains("not been detected"));
         let preview = session.preview(100);
@@ -310,7 +312,7 @@ mod tests {
     }
 
     #[test]
-    fn an_outline_may_be_given_where_none_is_found() {
+    fn an_outline_can_be_given_if_the_detection_fails() {
         let grey = Plane::from_fn(64, 64, |x, y| Vec3::splat(1.0 + 0.3 * ((x * 7 + y * 3) % 11) as f32));
         let bytes = gonio_io::picture::encode_exr(&grey, None);
         let mut session = Session::open(model(), "grey.exr", &bytes).unwrap();
@@ -321,7 +323,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_picture_is_refused_in_a_line() {
+    fn invalid_images_are_rejected_with_a_one_line_error() {
         let refused = Session::open(model(), "ball.exr", b"no picture at all").err().unwrap();
         assert!(refused.starts_with("ball.exr: ") && !refused.contains('\n'), "{refused}");
         let cut = sample();

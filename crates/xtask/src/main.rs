@@ -13,13 +13,13 @@ use clap::Parser;
 #[derive(Parser)]
 #[command(name = "xtask")]
 enum Task {
-    /// Lists what the program is made of, with licences and checksums: CycloneDX 1.5 in JSON
+    /// Lists the components of the program with licences and checksums, as CycloneDX 1.5 JSON
     Sbom {
         /// File to write
         #[arg(short, long, value_name = "FILE")]
         output: PathBuf,
     },
-    /// Builds the page for inference in the browser, one file that needs nothing else
+    /// Builds the page for inference in the browser as one self-contained file
     Web {
         /// Folder for index.html
         #[arg(short, long, value_name = "DIR", default_value = "target/web")]

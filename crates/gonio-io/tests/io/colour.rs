@@ -1,5 +1,5 @@
-//! Colour information in files: every kind of it brings a known colour to its published linear
-//! Rec. 709 value.
+//! Colour information in files: each kind must convert a known colour to its published linear Rec.
+//! 709 value.
 
 use std::io::{Cursor, Write};
 use std::path::Path;
@@ -60,7 +60,7 @@ fn exr(colour: [f32; 3], xy: Option<[f32; 8]>) -> Vec<u8> {
 const ACES_CG: [f32; 8] = [0.713, 0.293, 0.165, 0.83, 0.128, 0.044, 0.32168, 0.33767];
 
 #[test]
-fn openexr_chromaticities() {
+fn openexr_chromaticities_are_applied() {
     // The ACES matrix from AP1 to Rec. 709 times (0.5, 0.4, 0.3).
     let want = [0.578_83, 0.388_03, 0.282_30];
     let got = as_it_is(&exr([0.5, 0.4, 0.3], Some(ACES_CG)));
@@ -87,7 +87,7 @@ fn openexr_chromaticities() {
 }
 
 #[test]
-fn radiance_primaries() {
+fn radiance_primaries_are_applied() {
     let file = |line: &str| {
         let mut bytes = format!("#?RADIANCE\n{line}FORMAT=32-bit_rle_rgbe\n\n-Y 2 +X 2\n").into_bytes();
         // (64, 128, 32) / 256 times 2^1.
@@ -131,10 +131,10 @@ fn png(colour: [u8; 3], chunks: &[(&[u8; 4], &[u8])]) -> Vec<u8> {
     out
 }
 
-/// Bytes of the header of a profile that hold its date.
+/// Byte range of the date in the header of a profile.
 const DATE: std::ops::Range<usize> = 24..36;
 
-/// Encodes a profile with a fixed date: the library writes the time of encoding, and the seeds of
+/// Encodes a profile with a fixed date: the library writes the time of encoding, but the seeds of
 /// the fuzzer are compared byte by byte.
 fn encoded(profile: &ColorProfile) -> Vec<u8> {
     let mut bytes = profile.encode().unwrap();
@@ -151,7 +151,8 @@ fn packed(profile: &ColorProfile) -> Vec<u8> {
     zlib.finish().unwrap()
 }
 
-/// Files with each kind of colour information for integers, and how many bytes they may lack.
+/// Integer files with each kind of colour information, and the number of bytes that may be missing
+/// at the end.
 pub(crate) fn tagged() -> Vec<(&'static str, Vec<u8>, usize)> {
     let (p3, colour) = (ColorProfile::new_display_p3(), [200, 100, 50]);
     vec![
@@ -173,7 +174,7 @@ fn tiff(profile: &ColorProfile) -> Vec<u8> {
     bytes.into_inner()
 }
 
-/// The same as a JPEG file.
+/// A JPEG file of the codes 200, 100, 50 with a profile.
 fn jpeg(profile: &ColorProfile) -> Vec<u8> {
     let mut bytes = Vec::new();
     let mut encoder = JpegEncoder::new_with_quality(&mut bytes, 100);
@@ -188,7 +189,7 @@ fn jpeg(profile: &ColorProfile) -> Vec<u8> {
 const P3: [f32; 3] = [0.678_84, 0.108_51, 0.013_67];
 
 #[test]
-fn png_profiles_and_cicp() {
+fn png_profiles_and_cicp_are_applied() {
     let colour = [200, 100, 50];
     let got = as_it_is(&png(colour, &[(b"iCCP", &packed(&ColorProfile::new_display_p3()))]));
     assert_colour(&got, P3, 2e-3);
@@ -199,7 +200,7 @@ fn png_profiles_and_cicp() {
     assert_colour(&got, P3, 1e-4);
     assert_space(&got, "display-p3", SpaceSource::Cicp);
 
-    // PQ: code 153 of grey is 0.6, 244 cd/m2 (SMPTE ST 2084), whatever the primaries.
+    // PQ: code 153 of grey is 0.6, 244 cd/m2 (SMPTE ST 2084), for all primaries.
     let got = as_it_is(&png([153; 3], &[(b"cICP", &[9, 16, 0, 1])]));
     assert_colour(&got, [0.024_4; 3], 2e-4);
     assert_space(&got, "rec2020", SpaceSource::Cicp);
@@ -210,13 +211,13 @@ fn png_profiles_and_cicp() {
     assert_colour(&narrow(16), [0.0; 3], 1e-6);
     assert_colour(&narrow(235), [1.0; 3], 1e-6);
 
-    // cICP wins over a profile.
+    // cICP takes precedence over a profile.
     let both = png(colour, &[(b"cICP", &[1, 13, 0, 1]), (b"iCCP", &packed(&ColorProfile::new_display_p3()))]);
     assert_space(&as_it_is(&both), "rec709", SpaceSource::Cicp);
 }
 
 #[test]
-fn png_gamma_and_chromaticities() {
+fn png_gamma_and_chromaticities_are_applied() {
     let (linear, gamma) = (100_000_u32.to_be_bytes(), 55_556_u32.to_be_bytes());
     let got = as_it_is(&png([51, 102, 255], &[(b"gAMA", &linear)]));
     assert_colour(&got, [0.2, 0.4, 1.0], 1e-6);
@@ -229,7 +230,7 @@ fn png_gamma_and_chromaticities() {
     let got = as_it_is(&png([200, 100, 50], &[(b"cHRM", &chrm)]));
     assert_colour(&got, P3, 1e-4);
     assert_space(&got, "display-p3", SpaceSource::Chunks);
-    // sRGB wins over both.
+    // sRGB takes precedence over both.
     let got = as_it_is(&png([51; 3], &[(b"gAMA", &linear), (b"cHRM", &chrm), (b"sRGB", &[0])]));
     assert_colour(&got, [0.033_105; 3], 1e-5);
     assert_space(&got, "rec709", SpaceSource::Chunks);
@@ -242,7 +243,7 @@ fn options_apply_to_files_without_colour_information() {
     // ACEScg has no curve.
     let got = read(&png([128; 3], &[]), &given(ColourSpace::AcesCg));
     assert_colour(&got, [128.0 / 255.0; 3], 1e-5);
-    // The caller says that values are linear: the primaries of the file remain.
+    // The primaries of the file apply even if the caller specifies linear values.
     let tagged = png([200, 100, 50], &[(b"iCCP", &packed(&ColorProfile::new_display_p3()))]);
     let got = read(&tagged, &ReadOptions { linear: true, ..ReadOptions::default() });
     let [r, g, b] = [200.0, 100.0, 50.0_f32].map(|v| v / 255.0);
@@ -255,7 +256,7 @@ fn options_apply_to_files_without_colour_information() {
 }
 
 #[test]
-fn tiff_and_jpeg_profiles() {
+fn tiff_and_jpeg_profiles_are_applied() {
     let (p3, side) = (ColorProfile::new_display_p3(), SIDE as u32);
     let got = as_it_is(&tiff(&p3));
     assert_colour(&got, P3, 2e-3);
@@ -276,7 +277,7 @@ fn tiff_and_jpeg_profiles() {
 }
 
 #[test]
-fn profiles_of_grey_pictures_and_damaged_ones() {
+fn grey_profiles_are_applied_and_damaged_ones_ignored() {
     let side = SIDE as u32;
     let mut tiff = Cursor::new(Vec::new());
     let mut encoder = TiffEncoder::new(&mut tiff);

@@ -1,5 +1,6 @@
-//! Damaged and hostile files, `tests/corpus/`: each goes through every reader, in bounded time and
-//! memory. What a fuzzer finds is kept there.
+//! Damaged and hostile files in `tests/corpus/`, including those found by fuzzing.
+//!
+//! Every reader must handle each file in bounded time and memory.
 
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -8,14 +9,14 @@ use gonio_io::geometry::{self, DepthOptions};
 use gonio_io::picture::{self, ReadOptions};
 use gonio_io::{Error, camera, fits, merl, mesh, model, normals, npy, rgl};
 
-/// Small, so that a bomb that is compressed honestly need not be unpacked.
+/// Small, so that a valid but highly compressed file is rejected before it is unpacked.
 const PIXELS: u64 = 1 << 20;
-/// For one file and all readers; the machine may be busy.
+/// Time limit for one file and all readers, also on a busy machine.
 const LONGEST: Duration = Duration::from_secs(20);
 /// Address space for the whole replay, with all threads, in kilobytes.
 const MEMORY: &str = "3000000";
 
-/// Decodes bytes with every reader of this crate; the errors.
+/// Decodes bytes with every reader of this crate and returns the errors.
 pub(crate) fn read_with_all(path: &Path, bytes: &[u8]) -> Vec<Error> {
     let read = ReadOptions { max_pixels: PIXELS, ..ReadOptions::default() };
     let depth = DepthOptions { range: Some((1.0, 2.0)), read: read.clone() };
@@ -41,7 +42,7 @@ pub(crate) fn read_with_all(path: &Path, bytes: &[u8]) -> Vec<Error> {
     errors.into_iter().flatten().collect()
 }
 
-/// Whether an error names its file, on one line that is not endless.
+/// Checks that an error names its file on one line of limited length.
 #[track_caller]
 pub(crate) fn check_error(error: &Error, path: &Path) {
     let text = error.to_string();
@@ -53,7 +54,7 @@ pub(crate) fn check_error(error: &Error, path: &Path) {
 fn files() -> Vec<PathBuf> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/corpus");
     let mut files: Vec<PathBuf> = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect();
-    // `public` holds valid files.
+    // `public` contains valid files.
     files.retain(|path| path.is_file());
     files.sort();
     assert!(files.len() > 40, "{} files", files.len());
@@ -73,7 +74,7 @@ fn every_reader_survives_every_file() {
 }
 
 #[test]
-fn meshes_are_refused_from_disk() {
+fn damaged_files_are_rejected_from_disk() {
     for file in files() {
         let name = file.file_name().unwrap().to_str().unwrap();
         let Some((kind, _)) = name.split_once('-') else { panic!("{name}: name it KIND-WHAT.EXTENSION") };
@@ -91,7 +92,7 @@ fn meshes_are_refused_from_disk() {
                 let read = ReadOptions { max_pixels: PIXELS, ..ReadOptions::default() };
                 picture::read(&file, &read).err()
             }
-            // Odd, but sound.
+            // Unusual but valid files.
             "odd" => continue,
             other => panic!("{name}: no reader for {other}"),
         };
@@ -99,10 +100,11 @@ fn meshes_are_refused_from_disk() {
     }
 }
 
-/// Once more where memory is short: a reader that takes what a header asks for ends the process.
+/// Repeats the test with little memory: a reader that allocates the size in a header aborts the
+/// process.
 #[test]
 #[cfg(target_os = "linux")]
-fn memory_is_taken_only_for_what_is_there() {
+fn memory_is_allocated_only_for_existing_data() {
     let test = std::env::current_exe().unwrap();
     let output = std::process::Command::new("sh")
         .args(["-c", &format!("ulimit -v {MEMORY} && exec \"$0\" --exact corpus::every_reader_survives_every_file")])

@@ -1,6 +1,7 @@
-//! A corpus of damaged files: every format's valid file, cut short at many places and with single
-//! bytes changed. Reading may succeed or fail, but it must not panic, and a file cut short must not
-//! pass for a whole one.
+//! Damaged files: valid files of every format, truncated at many positions and with single bytes
+//! changed.
+//!
+//! Reading may succeed or fail, but it must not panic, and truncated files must be rejected.
 
 use std::path::Path;
 
@@ -13,7 +14,7 @@ use image::{DynamicImage, ImageFormat};
 
 use crate::colour;
 
-/// Small, so that a header made to lie cannot ask for much memory.
+/// Small, so that a corrupted header cannot request much memory.
 const OPTIONS: ReadOptions = ReadOptions { linear: false, max_pixels: 1 << 16, layer: None, colour_space: None };
 /// Single-byte corruptions tried for each file.
 const FLIPS: usize = 400;
@@ -45,7 +46,7 @@ fn tiled_exr(compression: exr::prelude::Compression) -> Vec<u8> {
     bytes.into_inner()
 }
 
-/// A fixed stream of numbers (SplitMix64), so that a failure can be repeated.
+/// A fixed stream of numbers (SplitMix64), so that failures are reproducible.
 struct Numbers(u64);
 
 impl Numbers {
@@ -57,8 +58,8 @@ impl Numbers {
     }
 }
 
-/// Feeds damaged versions of `good` to `read`. A cut file may be read only if it lacks no more than
-/// `slack` bytes, which some formats have after their content.
+/// Feeds damaged versions of `good` to `read`. Reading a truncated file may succeed only if at most
+/// `slack` bytes are missing, because some formats have bytes after their content.
 #[track_caller]
 pub(crate) fn check<T>(name: &str, good: &[u8], slack: usize, read: impl Fn(&Path, &[u8]) -> Result<T, Error>) {
     let path = Path::new(name);
@@ -79,7 +80,7 @@ pub(crate) fn check<T>(name: &str, good: &[u8], slack: usize, read: impl Fn(&Pat
     let mut numbers = Numbers(1);
     for i in 0..FLIPS {
         let mut bad = good.to_vec();
-        // Half of the damage goes to the header, where it hurts most.
+        // Half of the changes are in the header, where they have the largest effect.
         let at = numbers.below(if i % 2 == 0 { good.len().min(400) } else { good.len() });
         bad[at] = if i % 3 == 0 { [0, 0xff, 0x7f, 0x80][numbers.below(4)] } else { numbers.below(256) as u8 };
         if let Err(error) = read(path, &bad) {
@@ -93,7 +94,8 @@ fn check_picture(name: &str, good: &[u8], slack: usize) {
     check(name, good, slack, |path, bytes| normals::decode(path, bytes, &OPTIONS));
 }
 
-/// Pictures of every format and compression but Radiance, and how many bytes they may lack.
+/// Pictures of every format and compression except Radiance, and the number of bytes that may be
+/// missing at the end.
 pub(crate) fn pictures() -> Vec<(&'static str, Vec<u8>, usize)> {
     use exr::prelude::Compression as C;
     vec![
@@ -104,7 +106,7 @@ pub(crate) fn pictures() -> Vec<(&'static str, Vec<u8>, usize)> {
         ("b44.exr", tiled_exr(C::B44), 0),
         ("zip.exr", picture::encode_exr(&wavy(29, 23), None), 0),
         ("b.pfm", picture::encode_pfm(&wavy(9, 7)), 0),
-        // The pixels are complete before the last chunks are.
+        // The pixels end before the last chunks.
         ("8.png", picture::encode_png(&wavy(29, 23)), 16),
         ("16.png", through_image(ImageFormat::Png, true), 16),
         ("b.jpg", through_image(ImageFormat::Jpeg, false), 0),
@@ -123,7 +125,7 @@ fn damaged_pictures_never_panic() {
     check("a.hdr", &good, 0, |path, bytes| picture::decode(path, bytes, &OPTIONS));
 }
 
-/// A TIFF or PNG in which nothing but the time of exposure can be told.
+/// Calls `exif_at` with EXIF data that contain only an exposure time.
 fn with_time(mut exif_at: impl FnMut(Vec<u8>) -> Vec<u8>) -> Vec<u8> {
     let mut exif = b"II\x2a\0\x08\0\0\0\x01\0".to_vec();
     exif.extend([0x9a, 0x82, 5, 0, 1, 0, 0, 0, 26, 0, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 30, 0, 0, 0]);
@@ -146,7 +148,7 @@ fn damaged_exposures_never_panic() {
     let options = picture::BracketOptions { read: OPTIONS, ..Default::default() };
     let good = with_time(png_with_exif);
     let other = good.clone();
-    // Both are read, so that the times of both are needed.
+    // Two files, so that the exposure times of both are required.
     check("a.png", &good, 16, |path, bytes| {
         picture::decode_bracket(&[(path, bytes), (path, &other)], &options)
             .inspect(|b| assert_eq!(b.exposures.len(), 2))
@@ -159,8 +161,7 @@ fn damaged_exposures_never_panic() {
 #[test]
 fn damaged_responses_never_panic() {
     let good = picture::encode_response(&gonio::bracket::Response::srgb(255));
-    // A curve that ends early is a curve, of a camera with fewer codes, as is one whose last number
-    // lacks digits.
+    // A truncated curve is a valid curve of fewer codes, even if the last number lacks digits.
     check("a.csv", &good, good.len(), picture::decode_response);
 }
 
@@ -179,7 +180,7 @@ fn damaged_merl_tables_never_panic() {
     for cut in (0..40).chain((40..good.len()).step_by(1_234_567)).chain([good.len() - 1]) {
         assert_eq!(read(&good[..cut]).unwrap_err().kind(), Kind::Damaged, "{cut}");
     }
-    // A stream that ends before the length that was announced.
+    // A stream that is shorter than the given length.
     let error = merl::decode(Path::new("a"), &good[..1000], merl::FILE_BYTES).unwrap_err();
     assert_eq!(error.kind(), Kind::Damaged);
     let mut bad = good;
@@ -199,7 +200,7 @@ fn damaged_fits_never_panic() {
 }
 
 #[test]
-fn damaged_files_on_disk_are_refused() {
+fn damaged_files_on_disk_are_rejected() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("m.png");
     let good = picture::encode_png(&wavy(29, 23));
@@ -216,7 +217,7 @@ fn damaged_files_on_disk_are_refused() {
 }
 
 #[test]
-fn damaged_entries_of_the_cache_are_forgotten() {
+fn damaged_cache_entries_are_removed() {
     let dir = tempfile::tempdir().unwrap();
     let cache = Cache::at(dir.path());
     let content: Vec<u8> = (0..2000_u32).map(|i| (i * i) as u8).collect();

@@ -1,4 +1,4 @@
-//! Disks that are full or read-only, and output that must not suffer from it.
+//! Output to full and read-only disks must leave no partial files.
 
 use std::fs;
 use std::io::ErrorKind;
@@ -12,7 +12,7 @@ use gonio_io::cache::Cache;
 struct TinyDisk(tempfile::TempDir);
 
 impl TinyDisk {
-    /// `None` where mounting is not permitted.
+    /// Mounts the disk; `None` if mounting is not permitted.
     fn mount() -> Option<Self> {
         let dir = tempfile::tempdir().unwrap();
         let mounted =
@@ -47,7 +47,7 @@ impl Drop for TinyDisk {
 }
 
 #[test]
-fn a_full_disk_leaves_no_half_file() {
+fn a_full_disk_leaves_no_partial_file() {
     let Some(disk) = TinyDisk::mount() else { return };
     let path = disk.path().join("a");
     write_file(&path, b"old").unwrap();
@@ -59,7 +59,7 @@ fn a_full_disk_leaves_no_half_file() {
 }
 
 #[test]
-fn a_full_disk_leaves_no_half_folder() {
+fn a_full_disk_leaves_no_partial_folder() {
     let Some(disk) = TinyDisk::mount() else { return };
     let staged = StagedFolder::create(disk.path().join("new/out")).unwrap();
     write_file(staged.path("small"), b"x").unwrap();
@@ -70,7 +70,7 @@ fn a_full_disk_leaves_no_half_folder() {
 }
 
 #[test]
-fn a_full_disk_only_costs_the_entry_of_the_cache() {
+fn a_full_disk_only_loses_the_new_cache_entry() {
     let Some(disk) = TinyDisk::mount() else { return };
     let cache = Cache::at(disk.path().join("cache"));
     cache.store("a", b"small").unwrap();
@@ -82,7 +82,7 @@ fn a_full_disk_only_costs_the_entry_of_the_cache() {
 }
 
 #[test]
-fn a_read_only_disk_is_named_as_such() {
+fn errors_report_a_read_only_disk() {
     let Some(disk) = TinyDisk::mount() else { return };
     let cache = Cache::at(disk.path().join("cache"));
     cache.store("a", b"kept").unwrap();

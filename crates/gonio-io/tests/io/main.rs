@@ -1,5 +1,5 @@
-//! What the file formats promise as a whole: damaged files never panic, full disks leave no trace,
-//! entries load fast.
+//! Integration tests of the file formats: damaged files never panic, full disks leave no partial
+//! files, and cache entries load fast.
 
 #![allow(missing_docs)]
 

@@ -1,6 +1,5 @@
-//! Good files with lies in them: numbers in headers set to huge ones, words of binary headers set
-//! to all ones, cuts and flipped bits. The stream of changes is fixed, so that a failure can be
-//! repeated.
+//! Mutations of valid files: huge numbers in headers, replaced words in binary headers, truncation
+//! and flipped bits. The sequence of changes is fixed, so that failures are reproducible.
 
 use std::path::Path;
 
@@ -11,7 +10,7 @@ use gonio_io::{mesh, npy, picture};
 
 use crate::corpus::{check_error, read_with_all};
 
-/// Bytes at the beginning that are taken for the header.
+/// Number of leading bytes that count as the header.
 const HEADER: usize = 600;
 /// Flipped bits tried for each file.
 const FLIPS: usize = 150;
@@ -80,7 +79,7 @@ pub(crate) fn good() -> Vec<(&'static str, Vec<u8>)> {
     ]
 }
 
-/// The file with each number of its header, written in digits, replaced by others.
+/// Replaces each decimal number in the header by invalid ones, one at a time.
 fn with_numbers(good: &[u8]) -> Vec<Vec<u8>> {
     const LIES: [&str; 8] =
         ["0", "-1", "255", "65536", "4294967295", "2147483648", "18446744073709551615", "99999999999999999999999"];
@@ -99,7 +98,7 @@ fn with_numbers(good: &[u8]) -> Vec<Vec<u8>> {
     lies
 }
 
-/// The file with each word of 2, 4 and 8 bytes of its header replaced.
+/// Replaces words of 2, 4 and 8 bytes in the header, one at a time.
 fn with_words(good: &[u8]) -> Vec<Vec<u8>> {
     let mut lies = Vec::new();
     for size in [2, 4, 8] {
@@ -107,7 +106,7 @@ fn with_words(good: &[u8]) -> Vec<Vec<u8>> {
             for (first, rest) in [(0xff, 0xff), (0xff, 0x7f), (0, 0x10)] {
                 let mut bad = good.to_vec();
                 bad[at..at + size].fill(first);
-                // The highest byte of either order.
+                // The last byte, which is the highest in little-endian order.
                 bad[at + size - 1] = rest;
                 lies.push(bad);
             }
@@ -116,7 +115,7 @@ fn with_words(good: &[u8]) -> Vec<Vec<u8>> {
     lies
 }
 
-/// The file cut short, and with single bits flipped.
+/// Returns truncated versions of the file and versions with one flipped bit.
 fn with_damage(good: &[u8]) -> Vec<Vec<u8>> {
     let mut state = 7_u64;
     let mut below = |n: usize| {
@@ -135,7 +134,7 @@ fn with_damage(good: &[u8]) -> Vec<Vec<u8>> {
 }
 
 #[test]
-fn no_reader_believes_a_header() {
+fn readers_survive_mutated_files() {
     for (name, good) in good() {
         let path = Path::new(name);
         for bad in [with_numbers(&good), with_words(&good), with_damage(&good)].into_iter().flatten() {
@@ -145,14 +144,14 @@ fn no_reader_believes_a_header() {
 }
 
 #[test]
-fn good_files_are_good() {
+fn valid_files_are_read() {
     for (name, good) in good() {
         assert!(read_with_all(Path::new(name), &good).len() < 16, "{name}: no reader takes it");
     }
 }
 
 #[test]
-fn meshes_cut_short_do_not_pass_for_whole() {
+fn truncated_meshes_are_rejected() {
     let refused = |name: &str, good: &[u8], slack: usize| {
         for cut in 0..good.len() - slack {
             assert!(mesh::decode(Path::new(name), &good[..cut]).is_err(), "{name} cut to {cut}");
@@ -162,7 +161,7 @@ fn meshes_cut_short_do_not_pass_for_whole() {
     let files = good();
     let of = |name: &str| &files.iter().find(|f| f.0 == name).unwrap().1;
     refused("a.ply", of("a.ply"), 0);
-    // The end of the last line may be missing.
+    // The line break of the last line may be missing.
     refused("text.ply", of("text.ply"), 1);
     refused("a.glb", of("a.glb"), 0);
     refused("a.gltf", of("a.gltf"), 0);

@@ -1,5 +1,5 @@
-//! Files as public reports describe them, `tests/corpus/public/`: each is read with the right
-//! values.
+//! Files like those in public bug reports, in `tests/corpus/public/`: each must be read with the
+//! correct values.
 
 use std::path::{Path, PathBuf};
 
@@ -17,7 +17,7 @@ fn radiance(name: &str) -> Plane<Vec3> {
 }
 
 #[test]
-fn obj_files_without_their_normals_or_with_comments_are_cubes() {
+fn reads_obj_files_with_missing_normals_and_with_comments() {
     for name in ["vn-missing.obj", "vn-zero.obj", "face-comment.obj", "fourth-number.obj"] {
         let (mesh, soundness) = mesh::read_mesh(file(name)).unwrap();
         assert_eq!(soundness.triangles, 12, "{name}");
@@ -46,12 +46,12 @@ fn radiance_headers_may_have_cr_lf_and_exposures() {
 }
 
 #[test]
-fn masks_of_0_and_1_are_masks() {
+fn masks_of_0_and_1_are_scaled() {
     assert_eq!(read_mask(file("mask-0-1.png")).unwrap(), read_mask(file("mask.png")).unwrap());
 }
 
 #[test]
-fn normals_in_code_are_decoded() {
+fn encoded_normals_are_decoded() {
     let mask = read_mask(file("mask.png")).unwrap();
     for name in ["normals-0-1.exr", "normals.jpg"] {
         let normals = normals::read_normals(file(name)).unwrap();
@@ -70,7 +70,7 @@ fn exif_without_the_pointer_to_a_next_directory_is_read() {
 }
 
 #[test]
-fn analytic_brdf_files_are_named_as_such() {
+fn analytic_brdf_files_are_reported() {
     let error = merl::read(file("analytic.brdf")).unwrap_err();
     assert!(error.kind() == Kind::Unsupported && error.to_string().contains("BRDF Explorer"), "{error}");
 }

@@ -1,4 +1,4 @@
-//! Raw files: a DNG made here, its damaged versions, and a bracket of them.
+//! Raw files: a generated DNG, damaged versions of it, and a bracket.
 
 use std::path::Path;
 
@@ -30,8 +30,8 @@ fn text(tag: u16, value: &str) -> Field {
     (tag, 2, value.len() as u32 + 1, [value.as_bytes(), b"\0"].concat())
 }
 
-/// A little-endian DNG: one directory, an uncompressed RGGB mosaic of 16-bit samples, EXIF with the
-/// time.
+/// A little-endian DNG: one directory, an uncompressed RGGB mosaic of 16-bit samples, and the
+/// exposure time.
 fn dng(sample: impl Fn(usize, usize) -> u16, fraction: u32, radial: Option<f64>, orientation: u16) -> Vec<u8> {
     let mosaic: Vec<u8> = (0..WIDTH * HEIGHT).flat_map(|i| sample(i % WIDTH, i / WIDTH).to_le_bytes()).collect();
     let mut fields: Vec<Field> = vec![
@@ -43,7 +43,7 @@ fn dng(sample: impl Fn(usize, usize) -> u16, fraction: u32, radial: Option<f64>,
         shorts(262, &[32803]),
         text(271, "gonio"),
         text(272, "test"),
-        // The mosaic comes right after the header.
+        // The mosaic directly follows the header.
         long(273, 8),
         shorts(274, &[orientation]),
         shorts(277, &[1]),
@@ -86,7 +86,7 @@ fn dng(sample: impl Fn(usize, usize) -> u16, fraction: u32, radial: Option<f64>,
     bytes
 }
 
-/// What shall come back: binned pixels.
+/// Expected colours of the binned pixels.
 fn colour(x: usize, y: usize) -> Vec3 {
     Vec3::new(0.02 + 0.02 * x as f32, 0.5 - 0.01 * y as f32, 0.1 + 0.005 * (x + y) as f32)
 }
@@ -110,13 +110,13 @@ fn a_dng_becomes_linear_colour() {
     for (x, y) in [(0, 0), (15, 0), (7, 11), (15, 11)] {
         assert!((rgb[(x, y)] - colour(x, y)).length() < 1e-3, "{x} {y}: {} {}", rgb[(x, y)], colour(x, y));
     }
-    // A quarter turn: what was the bottom left is the top left.
+    // A rotation by 90 degrees moves the bottom left pixel to the top left.
     let turned = read(&dng(|x, y| sample(x, y, 1.0), 8, None, 6)).picture.rgb;
     assert_eq!((turned.size(), turned[(0, 0)]), ((HEIGHT / 2, WIDTH / 2), rgb[(0, HEIGHT / 2 - 1)]));
 }
 
 #[test]
-fn clipped_samples_and_vignetting() {
+fn clipped_samples_stay_clipped_after_the_vignetting_correction() {
     let clip = |x: usize, y: usize| if (x, y) == (9, 9) { WHITE } else { sample(x, y, 1.0) };
     let got = read(&dng(clip, 8, Some(0.5), 1));
     let level = got.full_scale.unwrap();
@@ -129,7 +129,7 @@ fn clipped_samples_and_vignetting() {
 }
 
 #[test]
-fn raw_files_are_exposures() {
+fn raw_files_form_a_bracket() {
     let files: Vec<Vec<u8>> =
         [1, 4, 16].iter().map(|f| dng(|x, y| sample(x, y, 16.0 / *f as f32), *f, None, 1)).collect();
     let files: Vec<(&Path, &[u8])> = files.iter().map(|f| (Path::new("t.dng"), f.as_slice())).collect();
@@ -145,10 +145,10 @@ fn raw_files_are_exposures() {
 }
 
 #[test]
-fn damaged_raw_files_are_refused() {
+fn damaged_raw_files_are_rejected() {
     let good = dng(|x, y| sample(x, y, 1.0), 8, Some(0.5), 1);
     let options = ReadOptions { max_pixels: 1 << 16, ..ReadOptions::default() };
-    // What follows the numbers may be missing: make, model, correction.
+    // The values after the directory may be missing: make, model and correction.
     check("t.dng", &good, 150, |path, bytes| decode(path, bytes, &options));
     let error = decode(Path::new("t.dng"), &good, &ReadOptions { max_pixels: 99, ..options }).unwrap_err();
     assert_eq!(error.kind(), Kind::Limits);

@@ -1,5 +1,5 @@
-//! Materials of the RGL database: formulas encoded as the database encodes measurements, damaged
-//! files, and, where `GONIO_DATA` names them, the real ones.
+//! Materials of the RGL database: analytic materials in its format, damaged files, and, if
+//! `GONIO_DATA` contains them, measured materials.
 
 use std::f64::consts::{FRAC_1_PI, FRAC_PI_2, PI, TAU};
 use std::path::{Path, PathBuf};
@@ -16,7 +16,7 @@ const THETAS: usize = 24;
 const SIDE: usize = 64;
 /// Samples along a side of a density.
 const COARSE: usize = 6;
-/// How much of each channel the encoded materials have.
+/// Factors of the channels of the encoded materials.
 const COLOUR: [f64; 3] = [1.0, 0.5, 0.25];
 
 /// A field: name, type, shape, values.
@@ -28,8 +28,7 @@ fn floats(name: &'static str, shape: &[usize], value: impl FnMut(usize) -> f64) 
     Field(name, 10, shape.iter().map(|n| *n as u64).collect(), values)
 }
 
-/// The file of fields, laid out as the database does: header, then values at multiples of eight
-/// bytes.
+/// Encodes fields in the layout of the database: header, then values at multiples of eight bytes.
 fn encode(fields: &[Field]) -> Vec<u8> {
     let header: usize = 18 + fields.iter().map(|f| 13 + f.0.len() + 8 * f.2.len()).sum::<usize>();
     let mut bytes = b"tensor_file\0\x01\0".to_vec();
@@ -65,7 +64,7 @@ pub(crate) fn small() -> Vec<u8> {
     ])
 }
 
-/// Place of sample `i` of `n` in the unit interval.
+/// Returns the position of sample `i` of `n` in the unit interval.
 fn unit(i: usize, n: usize) -> f64 {
     i as f64 / (n - 1) as f64
 }
@@ -74,21 +73,20 @@ fn theta_i(slice: usize) -> f64 {
     unit(slice, THETAS) * FRAC_PI_2
 }
 
-/// The densities are `1 + a (2x - 1) (2y - 1)`: bilinear, so that samples hold them exactly, and
-/// not separable.
+/// Coefficient `a` of the density `1 + a (2x - 1) (2y - 1)`, which is not separable, but bilinear,
+/// so that samples represent it exactly.
 fn tilt(slice: usize) -> f64 {
     0.8 * unit(slice, THETAS)
 }
 
-/// The place that the density of a slice spreads to `(u, v)`: all of `y` is equally likely; given
-/// `y`, the integral up to `x` is `x + b (x^2 - x)` with `b = a (2y - 1)`.
+/// Returns the point that the density of a slice maps to `(u, v)`. The marginal density of `y` is
+/// uniform; given `y`, the integral up to `x` is `x + b (x^2 - x)` with `b = a (2y - 1)`.
 fn spread(slice: usize, u: f64, v: f64) -> [f64; 2] {
     let b = tilt(slice) * (2.0 * v - 1.0);
     [2.0 * u / (1.0 - b + ((1.0 - b).powi(2) + 4.0 * b * u).sqrt()), v]
 }
 
-/// A facet density of no material in particular: all that matters is that it is divided by and
-/// multiplied with.
+/// An arbitrary microfacet density: encoding divides by it and evaluation multiplies by it.
 fn ndf(theta: f64) -> f64 {
     0.16 * FRAC_1_PI / (1.0 - 0.84 * theta.cos().powi(2)).powi(2)
 }
@@ -97,7 +95,7 @@ fn sigma(theta: f64) -> f64 {
     1.0 - 0.3 * (theta / FRAC_PI_2).sqrt()
 }
 
-/// Encodes `f(wi, wo) cos_o`, which is also asked for below the horizon, where the formula goes on.
+/// Encodes `f(wi, wo) cos_o`, which must also be defined for `wo` below the horizon.
 fn material(cosine_weighted: &dyn Fn(DVec3, DVec3) -> f64, jacobian: bool) -> Vec<Field> {
     let angle = |x: f64| x * x * FRAC_PI_2;
     let rgb = |at: usize| {
@@ -111,7 +109,7 @@ fn material(cosine_weighted: &dyn Fn(DVec3, DVec3) -> f64, jacobian: bool) -> Ve
     };
     let density = |at: usize| {
         let (slice, y, x) = (at / (COARSE * COARSE), at / COARSE % COARSE, at % COARSE);
-        // Densities come on any scale.
+        // Densities may have any scale.
         7.0 * (1.0 + tilt(slice) * (2.0 * unit(x, COARSE) - 1.0) * (2.0 * unit(y, COARSE) - 1.0))
     };
     vec![
@@ -134,8 +132,7 @@ fn decode(bytes: &[u8]) -> Result<Rgl, Error> {
     rgl::decode(Path::new("a.bsdf"), bytes)
 }
 
-/// Directions all over the part of the hemisphere with cosines above `lowest`, the same ones each
-/// time.
+/// A fixed set of `n` directions over the part of the hemisphere with cosines above `lowest`.
 fn scattered(n: usize, lowest: f64) -> impl Iterator<Item = DVec3> {
     (0..n).map(move |i| {
         let z = lowest + (1.0 - lowest) * (0.5 + i as f64) / n as f64;
@@ -169,8 +166,8 @@ fn a_lambertian_surface_is_lambertian() {
 }
 
 #[test]
-fn a_lobe_is_found_where_it_was_put() {
-    // GGX, the cosines multiplied out, which lets it go on smoothly below the horizon.
+fn an_encoded_lobe_is_reproduced() {
+    // GGX times the outgoing cosine, continued smoothly below the horizon.
     let model = Ggx { diffuse: 0.05, f0: 0.3, alpha: 0.3 };
     let weighted = |wi: DVec3, wo: DVec3| {
         let above = DVec3::new(wo.x, wo.y, wo.z.max(1e-3)).normalize();
@@ -193,7 +190,7 @@ fn a_lobe_is_found_where_it_was_put() {
 fn damage_is_described() {
     let fields = lambertian();
     let good = encode(&fields);
-    // Each case: which field is replaced, by what, and what the error says.
+    // Replaces or removes a field.
     let with = |name: &'static str, field: Option<Field>| {
         let mut fields: Vec<Field> = fields.iter().filter(|f| f.0 != name).cloned().collect();
         fields.extend(field);
@@ -233,7 +230,7 @@ fn damage_is_described() {
         assert!(error.to_string().contains(says), "{error} does not say {says}");
         assert_eq!(error.kind(), kind, "{error}");
     }
-    // What vanishes in places is no damage: there is nothing to see there.
+    // Functions that are zero in places are valid; the BRDF is zero there.
     assert_eq!(decode(&one("sigma", &[2, 2], 0.0)).unwrap().eval(DVec3::Z, DVec3::Z), [0.0; 3]);
     let mut half = floats("vndf", &[1, THETAS, 4, 4], |at| if at / 4 % 4 < 2 { 1.0 } else { 0.0 });
     half.0 = "vndf";
@@ -283,7 +280,7 @@ fn measured_materials_are_plausible() {
     for file in real() {
         let material = rgl::read(&file).unwrap();
         let name = file.display();
-        // Green light that is sent back, by angle of incidence. Broad enough for grids that do not
+        // Green albedo by angle of incidence. The bounds are wide because the directions do not
         // follow the highlight.
         for degrees in [30.0_f64, 45.0, 60.0] {
             let wi = DVec3::new(degrees.to_radians().sin(), 0.0, degrees.to_radians().cos());
@@ -292,7 +289,7 @@ fn measured_materials_are_plausible() {
             let albedo = TAU * sum / n as f64;
             assert!((0.02..1.0).contains(&albedo), "{name}: albedo {albedo} at {degrees} degrees");
         }
-        // Pairs of directions exchanged.
+        // Reciprocity: compares pairs of directions with exchanged pairs.
         let (mut difference, mut total) = (0.0, 0.0);
         for wi in scattered(60, 0.3) {
             for wo in scattered(61, 0.3) {
@@ -310,8 +307,7 @@ fn measured_materials_are_plausible() {
     }
 }
 
-/// A body under a coat whose lobe is `width` wide and whose reflection grows to the horizon, and
-/// red.
+/// A red body under a coat with a lobe of width `width` and Fresnel reflection.
 fn tables(width: f64) -> [BivariateTable; 3] {
     [1.0, 0.4, 0.2].map(|body| {
         BivariateTable::from_fn(|h, d| {
@@ -322,12 +318,12 @@ fn tables(width: f64) -> [BivariateTable; 3] {
 }
 
 #[test]
-fn what_is_written_is_what_is_read() {
+fn encoded_tables_are_reproduced() {
     for width in [0.4, 0.05, 0.005] {
         let want = tables(width);
         let got = rgl::decode(Path::new("x.bsdf"), &rgl::encode(&want, "a coat", rgl::Channels::Rgb)).unwrap();
         assert_eq!(got.description, "a coat");
-        // Errors relative to what there is, weighted as it is seen.
+        // Relative errors over directions spread over the hemisphere.
         let (mut worst, mut sum, mut all, mut count) = (0.0_f64, 0.0, 0.0, 0.0);
         for at in 0..20_000 {
             let part = |base: f64| (f64::from(at) * base).fract();
@@ -351,7 +347,7 @@ fn what_is_written_is_what_is_read() {
 }
 
 #[test]
-fn spectra_are_written_with_their_wavelengths() {
+fn spectral_files_have_no_rgb_field() {
     let bytes = rgl::encode(&tables(0.1), "", rgl::Channels::Spectral);
     let error = rgl::decode(Path::new("x_spec.bsdf"), &bytes).unwrap_err();
     assert!(error.to_string().contains("contains no field rgb"), "{error}");

@@ -1,5 +1,6 @@
-//! The inputs that fuzzing begins with, `fuzz/seeds/`: a small good file of each format for each
-//! reader of it. They are made here, where good files are at hand.
+//! Seeds for fuzzing, in `fuzz/seeds/`: small valid files of each format for each of its readers.
+//!
+//! This module generates them from the valid files of the other tests.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -33,7 +34,7 @@ const RESULTS: [&str; 2] = [
 {"format":"gonio-export","exports":{"ward":{"files":["../../keep","/dev/shm/keep"]}}}"#,
 ];
 
-/// The camera settings of a photograph: a TIFF of a time, an f-number and a sensitivity.
+/// A TIFF file with camera settings: exposure time, f-number and sensitivity.
 fn exif(big: bool) -> Vec<u8> {
     let [two, four]: [fn(u32) -> Vec<u8>; 2] = if big {
         [|v| (v as u16).to_be_bytes().to_vec(), |v| v.to_be_bytes().to_vec()]
@@ -51,7 +52,7 @@ fn exif(big: bool) -> Vec<u8> {
     bytes
 }
 
-/// A plan of three points, one table and a light of two by two texels, as the cache holds it.
+/// A plan of three points, one table and a light of two by two texels, encoded as in the cache.
 fn cached() -> Vec<u8> {
     let settings = gonio::transfer::PlanSettings { side: 2, ..Default::default() };
     let (points, k, rank) = (3, 1, 2);
@@ -66,7 +67,7 @@ fn cached() -> Vec<u8> {
     })
 }
 
-/// By the name of the target: name and content.
+/// Returns the target, name and content of each seed.
 fn seeds() -> Vec<(&'static str, String, Vec<u8>)> {
     let mut seeds = Vec::new();
     for (name, bytes) in
@@ -113,7 +114,7 @@ fn folder() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fuzz/seeds")
 }
 
-/// Seeds are worth nothing if their reader refuses them at once.
+/// A seed that its reader rejects is useless.
 #[test]
 fn every_seed_is_read() {
     let read = ReadOptions { max_pixels: 1 << 14, linear: true, layer: None, colour_space: None };
@@ -142,7 +143,7 @@ fn every_seed_is_read() {
                 assert_eq!((shot.seconds, shot.f_number, shot.iso), (Some(1.0 / 30.0), Some(2.8), Some(200.0)));
                 None
             }
-            // Its tables are too large for seeds: a file that ends early.
+            // A MERL table is too large for a seed, so the file is truncated.
             "merl" | "results" => None,
             other => panic!("{other}: no such target"),
         };
@@ -161,7 +162,7 @@ fn write() {
     }
 }
 
-/// Whether the seeds in the repository are these.
+/// Checks that the repository contains these seeds.
 #[test]
 fn the_seeds_are_in_the_repository() {
     let names: BTreeSet<(&str, String)> = seeds().into_iter().map(|(target, name, _)| (target, name)).collect();

@@ -1,5 +1,5 @@
-//! How fast an entry of the cache loads, and a mesh:
-//! `cargo test -p gonio-io --release -- --ignored --nocapture speed`.
+//! Measures the time to load cache entries and meshes: `cargo test -p gonio-io --release --
+//! --ignored --nocapture speed`.
 
 use std::path::Path;
 use std::time::Instant;
@@ -44,7 +44,7 @@ fn surface() -> Mesh {
     Mesh::new(parts).unwrap().0
 }
 
-/// The same as `.glb`, with a normal for each vertex.
+/// Encodes a mesh as `.glb` with one normal per vertex.
 fn glb(mesh: &Mesh) -> Vec<u8> {
     let (vertices, triangles) = (mesh.positions().len(), mesh.triangles().len());
     let mut normals = vec![DVec3::ZERO; vertices];

@@ -1,14 +1,14 @@
 #!/usr/bin/env bash
-# Builds all fuzz targets as `cargo fuzz build` does, without a sanitizer, and puts the stripped
-# programs into fuzz/device (or the folder that is given). They need nothing but the C library, not
-# even that of C++.
+# Builds all fuzz targets as `cargo fuzz build` does, without a sanitizer, and writes the stripped
+# programs to fuzz/device (or to the given folder). They require only the C library, not the C++
+# library.
 set -euo pipefail
 cd "$(dirname "$0")"
 to=${1:-device}
 coverage="-Cpasses=sancov-module -Cllvm-args=-sanitizer-coverage-level=4"
 coverage="$coverage -Cllvm-args=-sanitizer-coverage-inline-8bit-counters"
 coverage="$coverage -Cllvm-args=-sanitizer-coverage-pc-table -Cllvm-args=-sanitizer-coverage-trace-compares"
-# A static C library would leave libFuzzer without the functions that it intercepts.
+# With a static C library, libFuzzer could not intercept its functions.
 library="-Lnative=$(dirname "$(g++ -print-file-name=libstdc++.a)")"
 export CXXSTDLIB=static=stdc++
 export RUSTFLAGS="--cfg fuzzing $coverage -Ccodegen-units=1 -Cdebug-assertions -Coverflow-checks $library"

@@ -3,21 +3,21 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Removes the hook of libFuzzer that ends the process at any panic, so that panics of third-party
-/// decoders reach `gonio-io`, which catches them. A panic that escapes from a reader still ends the
-/// process.
+/// Removes the hook of libFuzzer that aborts the process at any panic, so that panics of
+/// third-party decoders reach `gonio-io`, which catches them. A panic that escapes from a reader
+/// still aborts the process.
 pub fn let_guards_catch() {
     std::panic::set_hook(Box::new(|_| {}));
 }
 
-/// A folder of this process in memory, empty, for readers of folders.
+/// An empty folder in memory for readers of folders, unique to this process.
 pub struct Scratch(PathBuf);
 
 impl Scratch {
-    /// Makes the folder; `name` tells it from others of the process.
+    /// Creates the folder; `name` distinguishes it from other folders of the process.
     ///
     /// # Panics
-    /// If it cannot be made.
+    /// If it cannot be created.
     pub fn folder(name: &str) -> Self {
         let memory = Path::new("/dev/shm");
         let parent = if memory.is_dir() { memory.to_owned() } else { std::env::temp_dir() };
@@ -27,7 +27,7 @@ impl Scratch {
         Self(folder)
     }
 
-    /// The folder.
+    /// Returns the path of the folder.
     pub fn path(&self) -> &Path {
         &self.0
     }

@@ -1,21 +1,21 @@
 #!/usr/bin/env bash
-# Runs fuzz targets side by side, each for a number of inputs or of seconds, whichever ends first.
+# Runs fuzz targets in parallel, each for a number of inputs or seconds, whichever ends first.
 #
 #   fuzz/run.sh BINARIES SEEDS OUT [SECONDS [RUNS [PROCESSES]]]
 #
-# BINARIES holds one program for each target, SEEDS a folder of seeds for each (fuzz/seeds). OUT gets
-# a log, the corpus and the findings of each target, and summary.txt: executions, edges covered,
-# inputs kept, findings, seconds. A target that ends at a finding goes on with another seed of the
-# generator until its runs or seconds are spent.
+# BINARIES contains one program per target, SEEDS one folder of seeds per target (fuzz/seeds). OUT
+# receives a log, the corpus and the findings of each target, and summary.txt: executions, covered
+# edges, kept inputs, findings, seconds. After a finding, a target continues with another random seed
+# until its runs or seconds are used up.
 set -u
 [ $# -ge 3 ] || { sed -n '2,9s/^# \{0,1\}//p' "$0"; exit 2; }
 binaries=$(realpath "$1") seeds=$(realpath "$2") out=$3
 seconds=${4:-300} runs=${5:-1000000} processes=${6:-$(nproc)}
 mkdir -p "$out"; out=$(realpath "$out")
 
-# Slow ones first, so that none begins when the others have ended, and parted among several processes.
+# Slow targets start first, split among several processes, so that none runs alone at the end.
 order="results results results results picture picture normals normals cache mesh_gltf mesh_ply"
-# Decoders would start threads for each input.
+# Otherwise, decoders would start threads for each input.
 export RAYON_NUM_THREADS=1
 
 one() {
@@ -28,7 +28,7 @@ one() {
         "$binaries/$target" "$corpus" "$seeds/$target" -runs="$left" -max_total_time=$((end - now)) -seed=$((100 * part + round)) \
             -rss_limit_mb=2048 -malloc_limit_mb=1024 -timeout=10 -max_len=6000 -len_control=20 -print_final_stats=1 \
             -artifact_prefix="$found/" >"$out/$name.part" 2>&1
-        # A run that crashed has no statistics: its last line tells how far it was.
+        # A crashed run prints no statistics; its last line contains the number of inputs.
         local made
         made=$(sed -n 's/^stat::number_of_executed_units: *//p' "$out/$name.part" | tail -1)
         [ -n "$made" ] || made=$(grep -aoE '^#[0-9]+' "$out/$name.part" | tail -1 | tr -d '#')

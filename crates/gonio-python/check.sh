@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
-# Builds the wheel, installs it into a new virtual environment, and tests it there: tests, examples, types, and the tutorial from its first cell to its last.
+# Builds the wheel, installs it into a new virtual environment, and checks tests, examples, types and the whole tutorial there.
 #
-# PYTHON_VENV names an environment of tools to keep from run to run; GONIO_CLI a program whose results the package must repeat.
+# PYTHON_VENV: environment of tools, kept between runs. GONIO_CLI: program whose results the package must reproduce.
 set -euo pipefail
 cd "$(dirname "$0")"
 target="${CARGO_TARGET_DIR:-$PWD/../../target}"
@@ -12,7 +12,7 @@ step "tools"
 [ -x "$tools/bin/pip" ] || python3 -m venv "$tools"
 "$tools/bin/pip" install --quiet --disable-pip-version-check -r requirements.txt
 
-# The profile of the workspace's tests, whose libraries it shares.
+# The profile of the workspace's tests, so that their libraries are reused.
 step "wheel"
 wheels="$(mktemp -d)"
 trap 'rm -rf "$wheels"' EXIT
@@ -21,14 +21,14 @@ trap 'rm -rf "$wheels"' EXIT
 step "a new environment"
 python3 -m venv "$wheels/new"
 "$wheels/new/bin/pip" install --quiet --disable-pip-version-check "$wheels"/gonio-*.whl
-# With nothing in the path that could compile anything.
+# The path contains no compiler.
 env -i PATH="$wheels/new/bin" "$wheels/new/bin/python" tests/installed.py
 
 step "tests"
 "$tools/bin/pip" install --quiet --disable-pip-version-check --force-reinstall --no-deps "$wheels"/gonio-*.whl
 "$tools/bin/python" -m pytest -q --durations=5 -p no:cacheprovider tests
 
-# What `help` shows, each example as it stands there.
+# Runs the examples of the docstrings.
 step "examples of the documentation"
 (cd tests && PYTHONPATH=. "$tools/bin/python" -m pytest -q --durations=5 -p no:cacheprovider -p conftest --doctest-modules --pyargs gonio)
 
@@ -45,7 +45,7 @@ import nbclient, nbformat
 
 path = pathlib.Path(sys.argv[1]).resolve()
 notebook = nbformat.read(path, as_version=4)
-assert all(cell.outputs or cell.metadata.get("tags") == ["quiet"] for cell in notebook.cells if cell.cell_type == "code"), "a cell without its output"
+assert all(cell.outputs or cell.metadata.get("tags") == ["quiet"] for cell in notebook.cells if cell.cell_type == "code"), "a cell has no output"
 nbclient.NotebookClient(notebook, timeout=600, kernel_name="python3", resources={"metadata": {"path": path.parent}}).execute()
 PYTHON
 step "done"

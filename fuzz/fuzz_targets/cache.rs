@@ -1,5 +1,5 @@
 #![no_main]
-//! The cache: files that others put there, and plans in sound entries.
+//! The cache: foreign files in its folder, and plans in intact entries.
 
 use gonio::transfer::PlanSettings;
 use gonio_fuzz::Scratch;

@@ -1,6 +1,6 @@
 #![no_main]
-//! Camera settings: EXIF data alone (a TIFF), and in a JPEG. None are given that are no positive
-//! number.
+//! Camera settings from EXIF data, alone (a TIFF) and in a JPEG. All settings must be positive
+//! numbers.
 
 use gonio_io::picture::Shot;
 use libfuzzer_sys::fuzz_target;

@@ -1,5 +1,5 @@
 #![no_main]
-//! Tables of photographs. What is read can be written and read again.
+//! Tables of photographs. A decoded table must survive encoding and decoding.
 
 use std::path::Path;
 

@@ -1,5 +1,5 @@
 #![no_main]
-//! Tables of the MERL database, with the input's own length and with that of a complete file.
+//! Tables of the MERL database, with the length of the input and with that of a complete file.
 
 use std::path::Path;
 

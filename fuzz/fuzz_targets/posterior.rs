@@ -1,5 +1,5 @@
 #![no_main]
-//! What a photograph says of a material.
+//! Posteriors of single photographs.
 
 use std::path::Path;
 

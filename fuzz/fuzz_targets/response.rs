@@ -1,5 +1,5 @@
 #![no_main]
-//! Response curves. What is read can be written and read again.
+//! Response curves. A decoded curve must survive encoding and decoding.
 
 use std::path::Path;
 

@@ -1,6 +1,7 @@
 #![no_main]
-//! Folders of results that are read again and replaced: `result.json`, `export/export.json` and
-//! `posterior.json`, parted by lines of `---`. Nothing outside of the folder may go.
+//! Result folders that are read and replaced. The input contains `result.json`,
+//! `export/export.json` and `posterior.json`, separated by lines of `---`. Files outside the folder
+//! must not be removed.
 
 use std::fs;
 use std::sync::LazyLock;
@@ -11,7 +12,7 @@ use gonio_io::notes;
 use gonio_io::picture::encode_exr;
 use libfuzzer_sys::fuzz_target;
 
-/// The light that results hold, small.
+/// A small light map of the results.
 static LIGHT: LazyLock<Vec<u8>> =
     LazyLock::new(|| encode_exr(&gonio::picture::Plane::from_fn(8, 4, |x, _| glam::Vec3::splat(x as f32)), None));
 
@@ -21,7 +22,7 @@ fuzz_target!(init: gonio_fuzz::let_guards_catch(), |bytes: &[u8]| {
     let scratch = Scratch::folder("results");
     let (keep, out) = (scratch.path().join("keep"), scratch.path().join("out"));
     fs::create_dir_all(out.join("export")).unwrap();
-    fs::write(&keep, "of somebody else").unwrap();
+    fs::write(&keep, "foreign").unwrap();
     fs::write(out.join("light.exr"), &*LIGHT).unwrap();
     for name in ["result.json", "export/export.json", "posterior.json"] {
         if let Some(part) = parts.next() {

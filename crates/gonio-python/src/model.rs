@@ -10,7 +10,7 @@ use pyo3::sync::PyOnceLock;
 
 use crate::error::raise;
 
-/// Model of an inference: prior of light, basis of reflectance and posterior of materials.
+/// Model of an inference: light prior, reflectance basis and posterior of materials.
 ///
 /// A model comes from a file, from `gonio.train_model`, or is embedded in the package. Models can
 /// be pickled.

@@ -1,4 +1,4 @@
-"""What the tests share: the sample photograph, and what was found on it once."""
+"""Fixtures of the tests: the sample photograph and the result of its inference."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def found() -> gonio.Posterior:
 
 
 def small_ball(size: int = 48, *, colour: tuple[float, float, float] = (1.0, 1.0, 1.0)) -> np.ndarray:
-    """A rendered ball with alpha, quick to infer from."""
+    """Returns a small rendered ball with alpha, for fast inference."""
     brdf = gonio.Brdf.of(lambda h, d: 0.1 + 3.0 * np.exp(-((h / 0.15) ** 2)))
     light = gonio.studio_light(32) * np.array(colour, np.float32)
     return gonio.render(brdf, light, size=size)
@@ -43,7 +43,7 @@ def small() -> np.ndarray:
 
 @pytest.fixture(autouse=True)
 def names_of_examples(request, monkeypatch, tmp_path):
-    """What the examples of the documentation begin with, as the documentation of the package says."""
+    """Defines the names that the examples of the package documentation use."""
     if isinstance(request.node, pytest.DoctestItem):
         monkeypatch.chdir(ROOT)
         monkeypatch.setenv("GONIO_CACHE_DIR", str(tmp_path / "cache"))

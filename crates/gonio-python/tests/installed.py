@@ -1,4 +1,4 @@
-"""Run with an installed wheel and nothing but NumPy beside it: infers from the sample, and says what is found."""
+"""Infers the material of the sample and prints it. Runs with an installed wheel and NumPy only."""
 
 from pathlib import Path
 

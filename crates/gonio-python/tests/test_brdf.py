@@ -14,28 +14,28 @@ def lambertian() -> gonio.Brdf:
     return gonio.Brdf.of(lambda h, d: np.full_like(h, 1 / np.pi), name="white")
 
 
-def test_a_white_furnace_is_white():
+def test_white_furnace():
     picture = gonio.render(lambertian(), np.ones((16, 32, 3), np.float32), size=32, tolerance=0.02)
     assert picture.shape == (32, 32, 4) and picture.dtype == np.float32
     whole = picture[:, :, 3] > 0.999
     assert whole.any() and np.allclose(picture[whole][:, :3], 1, atol=6e-3)
     assert lambertian().albedo == pytest.approx(1, abs=1e-4)
-    # A convex mesh is as white; a bowl is darker inside, which light reaches less.
+    # A convex mesh has the same radiance; a bowl is darker inside because of occlusion.
     bowl = gonio.render(lambertian(), np.ones((16, 32, 3)), "bowl", 24, tolerance=0.05)
     lit = gonio.render(lambertian(), np.ones((16, 32, 3)), "bowl", 24, shadows=False, tolerance=0.05)
     inside = bowl[:, :, 3] > 0.999
     assert bowl[inside][:, 0].min() < 0.7 and np.allclose(lit[inside][:, 0], 1, atol=0.02)
 
 
-def test_light_is_where_it_is_said_to_be():
+def test_light_maps_follow_the_axis_convention():
     light = np.full((16, 32, 3), 1e-3, np.float32)
     light[2:6, 18:30] = 1
     picture = gonio.render(lambertian(), light, size=32)[:, :, 0]
-    # Above and to the right.
+    # The light is above and to the right.
     assert picture[:16, 16:].sum() > 2 * picture[16:, :16].sum()
 
 
-def test_values_between_samples():
+def test_evaluation_interpolates_between_samples():
     brdf = gonio.Brdf.of(lambda h, d: 1 + h)
     h = gonio.THETA_H[[3, 40]]
     assert np.allclose(brdf.eval(h, 0.2), np.repeat(1 + h[:, None], 3, axis=1), rtol=1e-6)
@@ -55,7 +55,7 @@ def test_tables_are_written_and_read(tmp_path):
     back.write(tmp_path / "y.binary")
     assert (tmp_path / "y.binary").read_bytes() == (tmp_path / "x.binary").read_bytes()
     brdf.write(tmp_path / "x.bsdf")
-    # Tensors have other samples.
+    # RGL files have other samples.
     assert np.median(np.abs(gonio.read_brdf(tmp_path / "x.bsdf").table / brdf.table - 1)) < 0.01
     with pytest.raises(gonio.GonioError, match="x.bsdf"):
         gonio.read_merl(tmp_path / "x.bsdf")
@@ -64,12 +64,12 @@ def test_tables_are_written_and_read(tmp_path):
 
 
 @pytest.mark.parametrize("table", [np.ones((3, 90, 90)), np.ones(8100), np.ones((90, 90, 4))])
-def test_other_shapes_are_no_tables(table):
+def test_rejects_tables_of_other_shapes(table):
     with pytest.raises(gonio.GonioError, match="a BRDF must have the shape"):
         gonio.Brdf(table)
 
 
-def test_bad_values_are_found():
+def test_rejects_invalid_values():
     table = np.ones((90, 90, 3))
     table[3, 4, 1] = -1
     with pytest.raises(gonio.GonioError, match=r"negative or not finite at \[3, 4\]"):
@@ -88,7 +88,7 @@ def test_pictures_are_written_and_read(tmp_path, small):
         gonio.write_image(tmp_path / "x.jpg", small)
 
 
-def test_exports_are_those_of_the_program(found, tmp_path):
+def test_exports_all_targets_of_the_program(found, tmp_path):
     told = []
     summary = found.export(tmp_path / "all", progress=lambda stage, x: told.append(x))
     assert set(summary["exports"]) == set(gonio.EXPORTS) and told[-1] == 1
@@ -103,7 +103,7 @@ def test_exports_are_those_of_the_program(found, tmp_path):
     assert not (tmp_path / "wrong").exists()
 
 
-def test_scenes_are_lit_by_the_light_of_the_photograph(found, tmp_path):
+def test_exported_scenes_use_the_light_of_the_photograph(found, tmp_path):
     assert found.export(tmp_path / "lit", "mitsuba")["light"] == "of the results"
     lit = gonio.read_image(tmp_path / "lit" / "light.exr")[..., :3]
     assert np.allclose(lit, found.light, rtol=2e-3, atol=1e-4)

@@ -1,4 +1,4 @@
-"""Everything public is documented, where `help` shows it."""
+"""Tests that `help` shows documentation for everything public."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def arguments(function) -> list[str]:
 
 
 def check(function, name: str) -> None:
-    """Parameters and what is returned have their sections, and every argument its name in the first."""
+    """Checks that all arguments and the return value are documented."""
     text = inspect.getdoc(function) or ""
     assert text, f"{name} has no documentation"
     own = arguments(function)
@@ -25,19 +25,19 @@ def check(function, name: str) -> None:
     missing = [argument for argument in own if argument not in parameters]
     assert not missing, f"{name}: {missing} are not among its parameters"
     if getattr(function, "__annotations__", {}).get("return", "None") != "None":
-        assert "Returns\n-------\n" in text, f"{name} does not say what it returns"
+        assert "Returns\n-------\n" in text, f"{name} does not document its return value"
 
 
 @pytest.mark.parametrize("name", PUBLIC)
 def test_everything_public_is_documented(name):
     thing = getattr(gonio, name)
     if not callable(thing):
-        # A value has no documentation of its own: that of the package names it.
+        # Values cannot have docstrings, so the docstring of the package lists them.
         assert name in (gonio.__doc__ or "")
     elif not inspect.isclass(thing):
         check(thing, name)
     else:
-        # Not what it is handed down from object.
+        # Ignore the inherited docstring of object.
         text = thing.__dict__.get("__doc__") or ""
         assert text, f"{name} has no documentation"
         for member, value in inspect.getmembers(thing):
@@ -53,7 +53,7 @@ def test_everything_public_is_documented(name):
 
 
 def test_attributes_of_values_are_documented(found, small):
-    """What an object has is a property, or named in the documentation of its class."""
+    """Checks that attributes of objects are properties or documented in the class."""
     failed = gonio.infer_many(["none.exr"])[0]
     for value in (found, found.brdf, failed, gonio.check(small)):
         names = [name for name in vars(value) if not name.startswith("_")]

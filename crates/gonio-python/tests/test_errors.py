@@ -1,4 +1,4 @@
-"""Exceptions and warnings: the messages of the library, with the file named."""
+"""Exceptions and warnings: messages of the library that name the file."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 import gonio
 
 
-def test_files_that_are_not_there(tmp_path):
+def test_missing_files_raise_file_errors(tmp_path):
     with pytest.raises(FileNotFoundError, match=r"none.exr: cannot open: .*; check the path") as caught:
         gonio.infer(tmp_path / "none.exr")
     assert isinstance(caught.value, gonio.GonioError) and isinstance(caught.value, OSError)
@@ -23,7 +23,7 @@ def test_files_that_are_not_there(tmp_path):
     assert type(again) is type(caught.value) and str(again) == str(caught.value)
 
 
-def test_files_that_are_damaged(ball, tmp_path):
+def test_damaged_files_raise_errors(ball, tmp_path):
     (tmp_path / "half.exr").write_bytes(ball.read_bytes()[:1000])
     with pytest.raises(gonio.GonioError, match="half.exr: .*the file may be damaged") as caught:
         gonio.infer(tmp_path / "half.exr")
@@ -54,7 +54,7 @@ def test_files_that_are_damaged(ball, tmp_path):
         ({"depth_axis": -1.0, "shape": "ellipsoid"}, "depth_axis: must be a positive number"),
     ],
 )
-def test_what_cannot_be_is_refused(small, options, message):
+def test_rejects_invalid_options(small, options, message):
     with pytest.raises(gonio.GonioError, match=message):
         gonio.infer(small, **options)
 
@@ -70,12 +70,12 @@ def test_what_cannot_be_is_refused(small, options, message):
         (np.ones((40, 40, 3), np.float32), "the image: "),
     ],
 )
-def test_what_is_no_photograph_is_refused(image, message):
+def test_rejects_invalid_photographs(image, message):
     with pytest.raises(gonio.GonioError, match=message):
         gonio.infer(image)
 
 
-def test_warnings_are_warnings_and_kept(small):
+def test_warnings_are_issued_and_stored(small):
     clipped = np.minimum(small, np.quantile(small[:, :, :3], 0.95))
     with pytest.warns(gonio.GonioWarning, match="pixels on the object are clipped and ignored"):
         found = gonio.infer(clipped, clip=float(np.quantile(small[:, :, :3], 0.95)))
@@ -102,13 +102,13 @@ def test_warnings_are_warnings_and_kept(small):
         ({"flat": np.ones((3, 3))}, "flat: must be an image file"),
     ],
 )
-def test_types_that_cannot_be_are_type_errors(ball, options, message):
+def test_wrong_types_raise_type_errors(ball, options, message):
     with pytest.raises(TypeError) as caught:
         gonio.infer(ball, **options)
     assert str(caught.value).startswith(message)
 
 
-def test_what_makes_no_array_is_told(small):
+def test_rejects_objects_that_are_not_images(small):
     with pytest.raises(TypeError):
         gonio.infer(small, nonsense=1)
     for image in (None, object(), {"a": 1}, [[1, 2], [3]]):
@@ -117,7 +117,7 @@ def test_what_makes_no_array_is_told(small):
     assert gonio.infer(small, grid=np.int64(8), clip=np.float32(1e9), pictures=np.bool_(False)).notes["settings"]["grid"] == 8
 
 
-def test_other_functions_say_so_too(tmp_path):
+def test_wrong_types_raise_type_errors_in_other_functions(tmp_path):
     brdf = gonio.Brdf.of(lambda h, d: 0.2 + 0 * h)
     for call, message in [
         (lambda: gonio.render(brdf, size="big"), "size: must be an integer, not 'big'"),
@@ -136,8 +136,8 @@ def test_other_functions_say_so_too(tmp_path):
         assert str(caught.value).startswith(message)
 
 
-def test_nothing_speaks_of_options_of_the_program_or_of_its_inside(ball, small, tmp_path):
-    """Whatever is wrong, the message has arguments of Python."""
+def test_messages_mention_no_options_or_internals_of_the_program(ball, small, tmp_path):
+    """Checks that messages suggest Python arguments, not options of the program."""
     noise = np.random.default_rng(1).random((48, 48, 3))
     said = []
     for call in (

@@ -37,7 +37,7 @@ def test_the_sample_is_a_glossy_ball(found):
 
 
 @pytest.mark.skipif("GONIO_CLI" not in os.environ, reason="GONIO_CLI names no program")
-def test_the_program_finds_the_same(found, ball, tmp_path):
+def test_the_program_gives_the_same_result(found, ball, tmp_path):
     subprocess.run([os.environ["GONIO_CLI"], "infer", ball, "-o", tmp_path / "cli"], check=True, stdout=subprocess.DEVNULL)
     found.save(tmp_path / "python")
     names = {path.name for path in (tmp_path / "cli").iterdir()} - {"report.html"}
@@ -49,21 +49,21 @@ def test_the_program_finds_the_same(found, ball, tmp_path):
         assert ours[section] == theirs[section], section
 
 
-def test_arrays_and_files_say_the_same(found, photograph):
+def test_arrays_and_files_give_the_same_result(found, photograph):
     again = gonio.infer(photograph)
     assert np.array_equal(again.brdf.table, found.brdf.table)
     assert np.array_equal(again.light, found.light)
 
 
-def test_arrays_come_without_copies(found):
+def test_results_are_not_copied(found):
     for array in (found.quantiles, found.light, found.luminance, found.undetermined, found.brdf.table):
-        # The memory is Rust's: NumPy refers to what frees it.
+        # Rust owns the memory; NumPy references the object that frees it.
         assert not array.flags.owndata and array.base is not None and array.flags.writeable
     assert np.shares_memory(np.asarray(found.brdf), found.brdf.table)
 
 
-def test_arrays_go_without_copies(small):
-    """A picture of hundreds of megabytes is refused without its memory being taken again."""
+def test_arguments_are_not_copied(small):
+    """Checks that an image of hundreds of megabytes is not copied before it is rejected."""
     import resource
 
     rgb = np.ascontiguousarray(np.broadcast_to(np.float32(1), (6000, 6000, 3)))
@@ -75,7 +75,7 @@ def test_arrays_go_without_copies(small):
     assert grown < 0.25 * rgb.nbytes
 
 
-def test_conversions_and_masks(small):
+def test_arrays_and_masks_are_converted(small):
     rgb, alpha = small[:, :, :3], np.ascontiguousarray(small[:, :, 3])
     want = gonio.infer(small, **QUICK)
     doubles = gonio.infer(rgb.astype(np.float64)[::1], mask=alpha, **QUICK)
@@ -90,7 +90,7 @@ def test_conversions_and_masks(small):
     assert not any("sRGB" in said for said in gonio.infer(coded, mask=alpha, linear=True, **QUICK).warnings)
 
 
-def test_shapes():
+def test_shapes_by_normals_and_outline_agree():
     small = small_ball(96)
     height, width = small.shape[:2]
     y, x = np.mgrid[:height, :width] + 0.5
@@ -107,7 +107,7 @@ def test_shapes():
     assert not any("depth_axis" in said for said in ellipsoid.warnings)
 
 
-def test_meshes_in_memory_and_by_name():
+def test_accepts_meshes_in_memory_and_by_name():
     brdf = gonio.Brdf.of(lambda h, d: 0.2 + np.exp(-((h / 0.3) ** 2)))
     picture = gonio.render(brdf, gonio.studio_light(16), "blob", 40)
     stages = []
@@ -126,7 +126,7 @@ def test_meshes_in_memory_and_by_name():
         gonio.render(brdf, shape=(vertices[:3], np.array([[0, 1, 9]])))
 
 
-def test_progress_is_told_here_and_in_order(small):
+def test_progress_is_reported_in_this_thread_and_in_order(small):
     told, threads = [], set()
 
     def progress(stage: str, fraction: float) -> None:
@@ -142,17 +142,17 @@ def test_progress_is_told_here_and_in_order(small):
         assert fractions == sorted(fractions) and all(0 <= x <= 1 for x in fractions)
 
 
-def test_an_exception_of_progress_ends_the_work(small):
+def test_an_exception_of_progress_stops_the_inference(small):
     def progress(stage: str, fraction: float) -> None:
         raise RuntimeError(f"enough of {stage}")
 
     with pytest.raises(RuntimeError, match="enough of reading"):
         gonio.infer(small, progress=progress)
-    # And the next one works.
+    # The next inference works.
     assert gonio.infer(small, **QUICK).misfit < 1
 
 
-def test_other_threads_of_python_go_on(ball):
+def test_other_python_threads_run_during_inference(ball):
     counted, done = 0, threading.Event()
 
     def count() -> None:
@@ -168,14 +168,14 @@ def test_other_threads_of_python_go_on(ball):
     seconds = time.perf_counter() - started
     done.set()
     thread.join()
-    # A thousand a second if nothing were in the way.
+    # An idle thread would count about 1000 per second.
     assert counted > 30 * seconds
 
 
-def test_ctrl_c_ends_it_at_once(ball):
+def test_ctrl_c_stops_the_inference(ball):
     code = (
         "import gonio, signal, time\n"
-        # Whoever runs the tests in the background may have it ignored.
+        # Tests that run in the background may ignore SIGINT.
         "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "try:\n"
         "    print('go', flush=True)\n"
@@ -194,7 +194,7 @@ def test_ctrl_c_ends_it_at_once(ball):
     assert process.wait(timeout=30) == 0
 
 
-def test_posteriors_travel(found):
+def test_posteriors_can_be_pickled(found):
     travelled = pickle.loads(pickle.dumps(found, protocol=5))
     assert np.array_equal(travelled.brdf.table, found.brdf.table)
     assert np.array_equal(travelled.samples, found.samples)
@@ -202,10 +202,10 @@ def test_posteriors_travel(found):
     assert travelled.relight(size=16).shape == (16, 16, 4)
 
 
-def test_draws_are_the_seeds(found):
+def test_draws_depend_only_on_the_seed(found):
     assert found.samples.shape == (64, 90, 90)
     assert np.array_equal(found.draw(5, seed=3), found.draw(5, seed=3))
     assert not np.array_equal(found.draw(5, seed=3), found.draw(5, seed=4))
-    # Half of the draws are in the half interval, more or less.
+    # About half of the draws are in the 50 % interval.
     cell = found.samples[:, 5, 5]
     assert 0.2 < np.mean((cell >= found.quantiles[1, 5, 5]) & (cell <= found.quantiles[2, 5, 5])) <= 1

@@ -1,4 +1,4 @@
-"""What may be given as a picture: files, bytes, exposures, PIL images, xarray's arrays, tensors."""
+"""Inputs for images: files, bytes, exposures, PIL images, xarray's arrays, tensors."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ QUICK = {"grid": 8, "pictures": False}
 
 
 class Tensor:
-    """What a tensor of PyTorch is to NumPy, channels first: the protocol of DLPack and no ``__array__``.
+    """A tensor like those of PyTorch, with channels first: it has the DLPack protocol and no ``__array__``.
 
-    PyTorch itself is too heavy to test with.
+    PyTorch is too large a dependency for the tests.
     """
 
     def __init__(self, array: np.ndarray) -> None:
@@ -36,7 +36,7 @@ class Tensor:
 
 
 class OnGpu:
-    """A tensor that NumPy cannot reach."""
+    """A tensor that NumPy cannot read."""
 
     def __dlpack__(self, **_):
         raise BufferError("on a GPU")
@@ -103,7 +103,7 @@ def test_bytes_and_open_files(ball, found):
 
 @pytest.fixture(scope="module")
 def exposures(tmp_path_factory):
-    """Three linear 16-bit exposures of a ball on grey, one of them with the light cut off."""
+    """Three linear 16-bit exposures of a ball on grey, with clipped highlights."""
     picture = gonio.render(gonio.Brdf.of(lambda h, d: 0.1 + 3.0 * np.exp(-((h / 0.15) ** 2))), gonio.studio_light(32), size=96)
     radiance = picture[..., :3].mean(axis=2) + 0.02 * (1 - picture[..., 3])
     folder, files = tmp_path_factory.mktemp("exposures"), []
@@ -145,12 +145,12 @@ def test_exposures_are_merged(exposures, tmp_path):
         ({}, r"specify them with times=\[\.\.\.\]"),
     ],
 )
-def test_exposures_that_do_not_go_together(exposures, options, message):
+def test_rejects_inconsistent_exposures(exposures, options, message):
     with pytest.raises(gonio.GonioError, match=message):
         gonio.infer(exposures[0], **options)
 
 
-def test_what_is_no_list_of_exposures(small, exposures):
+def test_rejects_invalid_lists_of_exposures(small, exposures):
     with pytest.raises(gonio.GonioError, match="the image: is an empty list"):
         gonio.infer([])
     with pytest.raises(gonio.GonioError, match="exposures must be files, but array"):
@@ -161,7 +161,7 @@ def test_what_is_no_list_of_exposures(small, exposures):
         gonio.infer(small, times=[1.0])
 
 
-# ACEScg to linear Rec. 709, as the ACES reference implementation has it (Bradford adaptation).
+# ACEScg to linear Rec. 709, from the ACES reference implementation (Bradford adaptation).
 ACES_CG = np.array(
     [
         [1.70505099, -0.62179212, -0.08325887],
@@ -192,7 +192,7 @@ def test_colour_spaces_of_arrays_and_files(small, want, tmp_path):
     with pytest.warns(gonio.GonioWarning, match="the specified space rec2020 has no effect"):
         gonio.read_image(tmp_path / "stated.exr", colorspace="rec2020")
 
-    # What is saved in another space comes back in Rec. 709.
+    # Files saved in another space are read as Rec. 709.
     found.save(tmp_path / "out")
     assert np.allclose(gonio.read_brdf(tmp_path / "out" / "brdf.binary").table, found.brdf.table, rtol=1e-4, atol=1e-6)
     found.brdf.export(tmp_path / "export", ["merl"], output_colorspace="rec2020")

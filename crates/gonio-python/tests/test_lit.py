@@ -1,4 +1,4 @@
-"""A light that is known, and several photographs of one material."""
+"""Known light, and several photographs of one material."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def seen(lights) -> list[gonio.Posterior]:
     return [gonio.infer(lit_ball(3.0, light), light=light, pictures=False) for light in lights]
 
 
-def test_a_known_light_tells_material_and_albedo(seen, lights):
+def test_a_known_light_determines_material_and_albedo(seen, lights):
     found = seen[0]
     assert found.notes["method"] == "known-light" and found.misfit < 0.05
     assert found.light.shape == lights[0].shape
@@ -52,7 +52,7 @@ def test_photographs_of_one_material_combine(seen, tmp_path):
     assert np.array_equal(again.samples, together.samples)
 
 
-def test_photographs_that_contradict_each_other_are_refused(seen, lights, tmp_path):
+def test_rejects_contradictory_photographs(seen, lights, tmp_path):
     other = gonio.infer(lit_ball(0.2, lights[1]), light=lights[1], pictures=False)
     with pytest.raises(gonio.GonioError, match="does not show the same material"):
         gonio.combine([seen[0], other, seen[2]])
@@ -64,7 +64,7 @@ def test_photographs_that_contradict_each_other_are_refused(seen, lights, tmp_pa
         gonio.combine([tmp_path, seen[0]])
 
 
-def test_wrong_lights_are_refused(lights):
+def test_rejects_invalid_lights(lights):
     ball = lit_ball(3.0, lights[0])
     with pytest.raises(gonio.GonioError, match="twice as wide as high"):
         gonio.infer(ball, light=np.ones((32, 32, 3), np.float32))
@@ -74,7 +74,7 @@ def test_wrong_lights_are_refused(lights):
         gonio.infer(ball, absolute=True)
 
 
-def test_two_balls_are_told_apart(lights):
+def test_infers_two_balls_separately(lights):
     dull, shiny = (lit_ball(peak, lights[0], 48) for peak in (0.3, 8.0))
     both = np.concatenate([dull, 0.5 * shiny * [1, 1, 1, 2]], axis=1).astype(np.float32)
     found = gonio.infer_regions(both, grid=16, pictures=False)

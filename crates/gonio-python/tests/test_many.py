@@ -40,14 +40,14 @@ def check(results, small):
     assert isinstance(argument.error, TypeError) and isinstance(image.error, TypeError)
 
 
-def test_threads_go_on_where_one_fails(small, ball):
+def test_inference_continues_after_failures(small, ball):
     told = []
     results = gonio.infer_many(items(small, ball), progress=lambda done, of: told.append((done, of)), **QUICK)
     check(results, small)
     assert told == [(i, 6) for i in range(1, 7)]
 
 
-def test_an_exception_of_progress_ends_all(small):
+def test_an_exception_of_progress_stops_all_inferences(small):
     def progress(done: int, of: int) -> None:
         raise RuntimeError("enough")
 
@@ -57,7 +57,7 @@ def test_an_exception_of_progress_ends_all(small):
     assert threading.active_count() <= before + 1
 
 
-def test_arguments_are_checked_before(small):
+def test_arguments_are_checked_before_inference(small):
     with pytest.raises(TypeError, match="infer has no argument nonsense"):
         gonio.infer_many([small], nonsense=1)
     with pytest.raises(TypeError, match=r"items: 'photo.exr' is one string; use a list of photographs: \['photo.exr'\]"):
@@ -77,7 +77,7 @@ def test_arguments_are_checked_before(small):
     assert gonio.infer_many([]) == []
 
 
-def test_a_cluster_does_the_same(small, ball):
+def test_a_cluster_gives_the_same_results(small, ball):
     distributed = pytest.importorskip("distributed")
     with (
         distributed.LocalCluster(processes=True, n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster,
@@ -87,14 +87,14 @@ def test_a_cluster_does_the_same(small, ball):
         results = gonio.infer_many(items(small, ball), client, progress=lambda done, of: told.append((done, of)), **QUICK)
         check(results, small)
         assert told == [(i, 6) for i in range(1, 7)]
-        # What came back can do everything.
+        # Results from the cluster are complete.
         assert results[0].samples.shape == (64, 90, 90)
         assert results[0].relight(size=8).shape == (8, 8, 4)
-        # The work was elsewhere.
+        # The inferences ran in other processes.
         assert os.getpid() not in client.run(os.getpid).values()
 
 
-def test_ctrl_c_ends_all(ball):
+def test_ctrl_c_stops_all_inferences(ball):
     code = (
         "import gonio, signal\n"
         "signal.signal(signal.SIGINT, signal.default_int_handler)\n"

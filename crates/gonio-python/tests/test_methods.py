@@ -1,4 +1,4 @@
-"""The methods of the paper, shapes by depth and positions, and what else the program has."""
+"""Methods of the paper, depth and position maps, and other features of the program."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ QUICK = {"grid": 8, "pictures": False}
 
 @pytest.fixture(scope="module", autouse=True)
 def cache(tmp_path_factory):
-    """Plans go to a folder of their own."""
+    """Stores plans in a temporary folder."""
     before, os.environ["GONIO_CACHE_DIR"] = os.environ.get("GONIO_CACHE_DIR"), str(tmp_path_factory.mktemp("cache"))
     yield
     os.environ.pop("GONIO_CACHE_DIR")
@@ -29,7 +29,7 @@ def cache(tmp_path_factory):
 
 
 @pytest.mark.parametrize("method", ["variational", "map"])
-def test_methods_of_the_paper_find_coefficients(small, method, tmp_path):
+def test_methods_of_the_paper_estimate_coefficients(small, method, tmp_path):
     found = gonio.infer(small, method=method, starts=1, seed=3, grid=8)
     assert isinstance(found, gonio.BasisPosterior) and found.method == method
     assert found.notes["settings"]["seed"] == 3 and found.notes["settings"]["starts"] == 1
@@ -44,7 +44,7 @@ def test_methods_of_the_paper_find_coefficients(small, method, tmp_path):
     assert method in repr(found)
 
 
-def test_the_paper_to_the_letter_and_a_known_light(small):
+def test_the_setup_of_the_paper_and_a_known_light(small):
     # The paper's grid is 32 x 32, and a small ball has few normals.
     paper = gonio.infer(small, method="paper", starts=1, pictures=False)
     assert paper.notes["settings"]["paper"] is True and paper.method == "variational"
@@ -54,7 +54,7 @@ def test_the_paper_to_the_letter_and_a_known_light(small):
 
 
 @pytest.mark.skipif("GONIO_CLI" not in os.environ, reason="GONIO_CLI names no program")
-def test_the_program_finds_the_same_coefficients(small, tmp_path):
+def test_the_program_gives_the_same_coefficients(small, tmp_path):
     gonio.write_image(tmp_path / "ball.exr", small)
     command = [os.environ["GONIO_CLI"], "infer", "ball.exr", "-o", "out", "--no-report", *"--method map --starts 2 --seed 7 --grid 8".split()]
     subprocess.run(command, check=True, stdout=subprocess.DEVNULL, cwd=tmp_path)
@@ -62,7 +62,7 @@ def test_the_program_finds_the_same_coefficients(small, tmp_path):
     assert json.loads((tmp_path / "out" / "result.json").read_text())["reflectance"] == found.notes["reflectance"]
 
 
-# Options of the program and what stands for them, where that is another name; None where a function of Python has no use for it.
+# Options of the program with another name in Python; None if the Python function does not need them.
 ELSEWHERE = {
     "infer": {"mesh": "shape", "materials": "infer_regions", "no-shadows": "shadows", "paper": "method", "no-report": "report", "output": None},
     "check": {"mesh": "shape", "circle": "circles", "output": None},
@@ -104,14 +104,14 @@ def test_every_option_of_the_program_is_an_argument(command):
         ({"align_light": "near"}, 'align_light is for method="known-light"'),
     ],
 )
-def test_arguments_that_a_method_does_not_use_are_refused(small, options, message):
+def test_rejects_arguments_that_a_method_does_not_use(small, options, message):
     with pytest.raises(gonio.GonioError) as caught:
         gonio.infer(small, **options)
     assert str(caught.value).startswith(message)
 
 
 def surface() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """A picture of normals of a ball, its depths before an orthographic camera, and its positions."""
+    """Returns normals of a ball, its depths from an orthographic camera, and its positions."""
     size, radius = 96, 46.0
     y, x = np.mgrid[:size, :size] + 0.5
     a, b = (x - size / 2) / radius, (size / 2 - y) / radius
@@ -119,12 +119,12 @@ def surface() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     z = np.sqrt(np.maximum(1 - a**2 - b**2, 0))
     normals = np.dstack([a, b, z]) * inside[..., None]
     depth = np.where(inside, 200 - radius * z, np.nan)
-    # Pixels are units, the camera is in the middle of the picture.
+    # One pixel is one unit, and the camera is at the centre of the image.
     positions = np.dstack([x - size / 2, size / 2 - y, -depth])
     return normals, depth, np.where(inside[..., None], positions, 0)
 
 
-def test_depth_and_positions(tmp_path):
+def test_depth_and_position_maps_agree(tmp_path):
     picture = small_ball(96)
     normals, depth, positions = surface()
     by_depth = gonio.infer(picture, normals=normals, depth=depth, **QUICK)
@@ -155,10 +155,10 @@ def test_depth_and_positions(tmp_path):
             gonio.infer(picture, **options)
 
 
-def test_normals_in_other_conventions():
+def test_normals_of_other_conventions_are_detected():
     picture, (normals, _, _) = small_ball(96), surface()
     want = gonio.infer(picture, normals=normals, **QUICK)
-    # As for DirectX, with blue first.
+    # The DirectX convention, with blue as the first channel.
     odd = (normals * (1, -1, 1))[..., ::-1]
     with pytest.raises(gonio.GonioError, match=r'use normals_order="zyx" and normals_flip_y=True') as caught:
         gonio.infer(picture, normals=odd, **QUICK)
@@ -169,7 +169,7 @@ def test_normals_in_other_conventions():
         gonio.infer(picture, normals=odd, normals_order="xxz")
 
 
-def test_a_photograph_is_looked_at(small, ball):
+def test_check_detects_objects_and_clipped_pixels(small, ball):
     looked = gonio.check(ball)
     assert looked.outlines == ["ball, circle 128.0,128.0,126.0 (x, y, radius in pixels)"]
     assert looked.picture.dtype == np.uint8 and looked.notes["width"] == 256 and "<img" in looked._repr_html_()
@@ -186,7 +186,7 @@ def test_a_photograph_is_looked_at(small, ball):
         gonio.check(small, grid=8)
 
 
-def test_threads_change_nothing(small):
+def test_results_do_not_depend_on_the_number_of_threads(small):
     want = gonio.infer(small, **QUICK)
     gonio.set_threads(1)
     try:
@@ -198,7 +198,7 @@ def test_threads_change_nothing(small):
         gonio.set_threads(0)
 
 
-def test_lights_of_our_own_and_directions(tmp_path):
+def test_renders_built_in_and_directional_lights(tmp_path):
     brdf = gonio.Brdf.of(lambda h, d: 0.2 + 0 * h)
     sky = gonio.render(brdf, "sky", size=32)
     # The sky is above.

@@ -11,7 +11,7 @@ import pytest
 import gonio
 
 
-def test_datasets_of_xarray(found):
+def test_converts_to_xarray_datasets(found):
     data = found.to_xarray()
     assert dict(data.sizes) == {
         "theta_h": 90, "theta_d": 90, "channel": 3, "level": 4, "draw": 64, "quantile": 3, "angle": 2, "elevation": 128, "azimuth": 256
@@ -19,14 +19,14 @@ def test_datasets_of_xarray(found):
     assert np.array_equal(data.brdf, found.brdf.table) and np.allclose(data.theta_h, gonio.THETA_H)
     assert np.array_equal(data.quantiles.sel(level=0.95), found.quantiles[3])
     assert np.array_equal(data.gloss_units.sel(angle=60), found.gloss_units[60])
-    # The light from above is in the first row, that from the right in the right half.
+    # Light from above is in the first row, light from the right in the right half.
     assert data.elevation[0] > 89 and data.azimuth[-1] > 179 and np.allclose(data.light, found.light)
     table = found.brdf.to_xarray()
     assert table.name == "ball" and table.attrs["albedo"] == found.brdf.albedo
     assert np.array_equal(gonio.Brdf(table).table, found.brdf.table)
 
 
-def test_inference_data_of_arviz(found):
+def test_converts_to_arviz(found):
     import arviz
 
     data = found.to_inference_data(80, seed=5)
@@ -34,13 +34,13 @@ def test_inference_data_of_arviz(found):
     assert np.array_equal(data.posterior.brdf[0], found.draw(80, seed=5))
     table = arviz.summary(data, var_names=["gloss", "alpha", "gloss_units_60"], kind="stats")
     assert list(table.index) == ["gloss", "alpha", "gloss_units_60"]
-    # The interval of the draws lies about that of the posterior.
+    # The interval of the draws is close to that of the posterior.
     low, high = np.quantile(data.posterior.alpha, [0.05, 0.95])
     assert 0.5 < low / found.alpha[0] < 2 and 0.5 < high / found.alpha[2] < 2
 
 
-def test_inference_data_of_arviz_from_1_on(found):
-    """Its part that converts makes a tree of xarray's."""
+def test_converts_to_arviz_1(found):
+    """ArviZ 1.0 and later returns an xarray tree."""
     code = (
         "import sys; sys.modules['arviz'] = None\n"
         "import gonio, numpy as np\n"
@@ -52,7 +52,7 @@ def test_inference_data_of_arviz_from_1_on(found):
     assert run.stdout == "DataTree {'chain': 1, 'draw': 3, 'theta_h': 90, 'theta_d': 90} [[1.0, 1.0, 1.0]]\n"
 
 
-def test_bsdfs_of_mitsuba():
+def test_mitsuba_bsdfs_have_the_values_of_the_table():
     import mitsuba
 
     brdf = gonio.Brdf.of(lambda h, d: np.dstack([0.1 + np.exp(-((h / 0.3) ** 2)), 0.2 + 0 * h, 0.3 + 0.1 * d]), name="test")
@@ -81,7 +81,7 @@ def test_bsdfs_of_mitsuba():
         ("mitsuba", "to_mitsuba()", "to_mitsuba requires mitsuba; install it with: pip install mitsuba"),
     ],
 )
-def test_what_is_not_installed_is_said(hidden, call, message):
+def test_errors_name_missing_packages(hidden, call, message):
     code = (
         f"import sys; sys.modules[{hidden!r}] = None\n"
         "import gonio\n"
@@ -92,16 +92,16 @@ def test_what_is_not_installed_is_said(hidden, call, message):
     assert run.stdout.strip() == message
 
 
-def test_nothing_of_them_is_imported_unasked():
+def test_optional_packages_are_imported_on_demand_only():
     code = "import gonio, sys; print([name for name in ('xarray', 'arviz', 'mitsuba', 'PIL', 'torch', 'matplotlib') if name in sys.modules])"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert run.stdout.strip() == "[]"
 
 
-def test_samples_in_colour(found):
+def test_colours_do_not_change_the_luminance_of_samples(found):
     rgb = found.rgb_samples
     assert rgb.shape == (64, 90, 90, 3) and rgb.dtype == np.float32 and rgb.min() >= 0
-    # Colours change no luminance, and are those of the estimate.
+    # The colours are those of the estimate and do not change the luminance.
     assert np.allclose(rgb @ np.float32([0.2126, 0.7152, 0.0722]), found.samples, rtol=1e-3)
     assert found.draw(3, seed=2, rgb=True).shape == (3, 90, 90, 3)
     body = found.brdf.table[60, 20] / found.luminance[60, 20]
@@ -110,7 +110,7 @@ def test_samples_in_colour(found):
 
 
 def test_gloss_of_any_brdf(found):
-    """The numbers of a posterior for a BRDF alone: between its ends, and in proportion where they must be."""
+    """Checks that the gloss of a BRDF agrees with its posterior and scales correctly."""
     brdf = found.brdf
     assert found.gloss[0] / 2 < brdf.gloss < 2 * found.gloss[2]
     assert found.alpha[0] / 2 < brdf.alpha < 2 * found.alpha[2]

@@ -1,4 +1,4 @@
-"""The light around a mirror ball."""
+"""Light probes from photographs of a mirror ball."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ import gonio
 
 
 def room(d: np.ndarray) -> np.ndarray:
-    """Light from directions of shape (..., 3): wavy walls, a red lamp at the right, a blue one above."""
+    """Returns light from directions of shape (..., 3): wavy walls, a red lamp on the right, a blue one above."""
     x, y, z = np.moveaxis(d, -1, 0)
     wall = 1.7 + np.sin(7 * x + 3 * y - 2 * z) + 0.5 * np.cos(5 * z - 4 * x)
     light = np.repeat(wall[..., None], 3, axis=-1)
-    # Not of one value, which would look clipped.
+    # The lamps have no constant value, which would be detected as clipped.
     light[x > 0.99] += (40, 0, 0)
     light[y > 0.99] += (0, 0, 40)
     return light
 
 
 def photograph(yaw: float = 0.0, size: int = 160, radius: float = 70.0) -> np.ndarray:
-    """A mirror ball in the middle of a picture with alpha, from a camera that went around it."""
+    """Returns an image with alpha of a mirror ball, from a camera rotated around it by ``yaw`` degrees."""
     at = (np.arange(size) + 0.5 - size / 2) / radius
     x, y = np.meshgrid(at, -at)
     inside = x**2 + y**2 < 1
@@ -39,7 +39,7 @@ def at(light: np.ndarray, d: tuple[float, float, float]) -> np.ndarray:
     return light[min(int(np.arccos(y) / np.pi * rows), rows - 1), column]
 
 
-def test_the_light_is_where_it_was(tmp_path):
+def test_the_probe_recovers_the_light(tmp_path):
     told = []
     found = gonio.light_probe(photograph(), reflectance=0.6, progress=lambda *stage: told.append(stage))
     assert found.light.shape == (64, 128, 3) and found.seen.shape == (64, 128) and found.picture.dtype == np.uint8
@@ -51,12 +51,12 @@ def test_the_light_is_where_it_was(tmp_path):
     assert found.warnings == [] and told and "<img" in found._repr_html_()
     found.write(tmp_path / "probe.exr")
     assert np.array_equal(gonio.read_image(tmp_path / "probe.exr"), found.light)
-    # It is a light like any other.
+    # The probe can be used as a light.
     gonio.render(gonio.Brdf.of(lambda h, d: np.full_like(h, 0.3)), found.light, size=16)
 
 
 def weights(rows: int) -> np.ndarray:
-    """Solid angles of the texels."""
+    """Returns the solid angles of the texels."""
     return np.repeat(np.sin((np.arange(rows) + 0.5) / rows * np.pi)[:, None], 2 * rows, axis=1)
 
 
@@ -82,11 +82,11 @@ def test_two_views_are_merged():
         ({"clip": -1.0}, "clip -1.0"),
     ],
 )
-def test_what_cannot_be_is_refused(options, message):
+def test_rejects_invalid_options(options, message):
     with pytest.raises(gonio.GonioError, match=message):
         gonio.light_probe(photograph(), **options)
 
 
-def test_files_that_are_not_there(tmp_path):
+def test_missing_files_raise_file_errors(tmp_path):
     with pytest.raises(FileNotFoundError, match="none.exr"):
         gonio.light_probe(tmp_path / "none.exr")

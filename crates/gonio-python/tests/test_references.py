@@ -1,4 +1,4 @@
-"""References in the picture: colour of the light and scale of the BRDF."""
+"""References in the image: colour of the light and scale of the BRDF."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def beside(white) -> np.ndarray:
     return (picture * grain).astype(np.float32)
 
 
-def test_a_patch_fixes_colour_and_scale(beside, white):
+def test_a_patch_determines_colour_and_scale(beside, white):
     card = np.zeros((48, 88), np.float32)
     card[12:38, 55:81] = 1
     truth = gonio.Brdf.of(lambda h, d: 0.1 + 3.0 * np.exp(-((h / 0.15) ** 2))).albedo
@@ -62,12 +62,12 @@ def test_a_patch_fixes_colour_and_scale(beside, white):
         ({"reference_color_only": True}, "reference_color_only requires"),
     ],
 )
-def test_references_that_cannot_be_used_are_refused(beside, options, message):
+def test_rejects_unusable_references(beside, options, message):
     with pytest.raises(gonio.GonioError, match=message):
         gonio.infer(beside, **{**OPTIONS, **options})
 
 
-def test_references_of_a_wrong_type_are_type_errors(beside):
+def test_references_of_a_wrong_type_raise_type_errors(beside):
     for options in ({"white": 3}, {"color_checker": 3}, {"color_checker": "yes"}, {"reference_color_only": 1}):
         with pytest.raises(TypeError):
             gonio.infer(beside, **OPTIONS, **options)

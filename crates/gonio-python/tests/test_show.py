@@ -1,4 +1,4 @@
-"""Figures, notebooks and folders of results."""
+"""Figures, notebooks and result folders."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ import gonio
 
 
 class Balanced(HTMLParser):
-    """Fails where tags are not closed in order."""
+    """Fails if tags are not closed in order."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -33,7 +33,7 @@ class Balanced(HTMLParser):
         assert self.open.pop() == tag
 
 
-def test_notebooks_show_pictures_and_numbers(found):
+def test_notebooks_display_pictures_and_numbers(found):
     page = found._repr_html_()
     parser = Balanced()
     parser.feed(page)
@@ -53,7 +53,7 @@ def test_figures_are_drawn(found):
     assert "image/png" in figure._repr_mimebundle_() if hasattr(figure, "_repr_mimebundle_") else True
 
 
-def test_without_matplotlib_the_rest_works():
+def test_only_plot_requires_matplotlib():
     code = (
         "import sys; sys.modules['matplotlib'] = None\n"
         "import gonio, gonio._figure\n"
@@ -64,7 +64,7 @@ def test_without_matplotlib_the_rest_works():
     assert run.stdout.strip() == "plot requires matplotlib; install it with: pip install matplotlib, or gonio[plot]"
 
 
-def test_folders_of_results(found, tmp_path):
+def test_result_folders_contain_all_files(found, tmp_path):
     found.save(tmp_path / "a" / "ball")
     names = {path.name for path in (tmp_path / "a" / "ball").iterdir()}
     assert names == {
@@ -87,13 +87,13 @@ def test_folders_of_results(found, tmp_path):
     found.save(tmp_path / "a" / "ball")
 
 
-def test_a_report_is_made_where_it_is_asked_for(small, tmp_path):
+def test_a_report_is_written_on_request(small, tmp_path):
     found = gonio.infer(small, grid=8, report=True)
     found.save(tmp_path / "out")
     assert (tmp_path / "out" / "report.html").read_text().startswith("<!DOCTYPE html>")
 
 
-def test_pictures_can_be_left_out(small, tmp_path):
+def test_pictures_can_be_omitted(small, tmp_path):
     found = gonio.infer(small, grid=8, pictures=False)
     assert found.pictures == {} and "<img" not in found._repr_html_()
     found.save(tmp_path / "out")
@@ -102,7 +102,7 @@ def test_pictures_can_be_left_out(small, tmp_path):
         found.plot()
 
 
-def test_all_pictures_are_there(found):
+def test_all_pictures_are_drawn(found):
     assert {"photograph", "observed", "reproduction", "residual", "light", "relit", "summary", "uncertainty"} <= set(found.pictures)
     for picture in found.pictures.values():
         assert picture.dtype == np.uint8 and picture.ndim == 3 and picture.shape[2] == 3

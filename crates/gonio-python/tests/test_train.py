@@ -1,4 +1,4 @@
-"""Learning models from small made-up data, in memory and in folders."""
+"""Training of models on small synthetic data, in memory and in folders."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def materials() -> dict[str, gonio.Brdf]:
     return {"matt": make(0.3, 0.6), "satin": make(0.2, 0.3), "gloss": make(0.05, 0.15)}
 
 
-def test_a_model_is_learnt_and_used(small, tmp_path):
+def test_a_trained_model_can_be_used(small, tmp_path):
     told = []
     lighting = gonio.train_lighting(lights(), grid=16, turns=2, progress=lambda stage, x: told.append(stage))
     basis = gonio.train_reflectance(materials(), rank=2, restarts=2)
@@ -36,13 +36,13 @@ def test_a_model_is_learnt_and_used(small, tmp_path):
     found = gonio.infer(small, model=tmp_path / "x.model", grid=8, pictures=False)
     assert found.notes["model"]["provenance"] == model.provenance
     assert np.array_equal(gonio.infer(small, model=model, grid=8, pictures=False).brdf.table, found.brdf.table)
-    # A model of one's own travels along.
+    # Pickled results contain the trained model.
     assert pickle.loads(pickle.dumps(found)).draw(2).shape == (2, 90, 90)
     with pytest.raises(gonio.GonioError, match="the model: has no posterior of materials"):
         gonio.infer(small, model=gonio.train_model(lighting, basis), grid=8, pictures=False)
 
 
-def test_folders_and_files_do_as_well(tmp_path):
+def test_trains_from_folders_and_files(tmp_path):
     (tmp_path / "lights").mkdir()
     (tmp_path / "materials").mkdir()
     for i, light in enumerate(lights()):
@@ -57,7 +57,7 @@ def test_folders_and_files_do_as_well(tmp_path):
     assert not model.has_posterior
 
 
-def test_what_cannot_be_learnt_from_is_refused(tmp_path):
+def test_rejects_invalid_training_data(tmp_path):
     with pytest.raises(gonio.GonioError, match="grid 17: must be a power of two from 8 to 512"):
         gonio.train_lighting(lights(), grid=17)
     with pytest.raises(gonio.GonioError, match="turns 0"):

@@ -1,4 +1,4 @@
-"""Checked by mypy --strict, never run: how the package looks to a program with types."""
+"""A typed program that uses the package; checked by mypy --strict, never run."""
 
 from __future__ import annotations
 

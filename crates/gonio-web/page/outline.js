@@ -1,17 +1,17 @@
-// Lets the user mark a ball, or move the outline that was found: by dragging, or by numbers.
+// Lets the user mark a ball or move the detected outline, by dragging or by numbers.
 //
 //     const outline = gonioOutline(stage, form, (x, y, radius) => ...);
-//     outline.show(size, circle); // of the photograph in pixels; the circle may be missing
-//     outline.ask(why, guess); // where none was found
+//     outline.show(size, circle); // size of the photograph in pixels; the circle may be missing
+//     outline.ask(why, guess); // if no ball was detected
 globalThis.gonioOutline = (() => {
   "use strict";
 
   const SVG = "http://www.w3.org/2000/svg";
-  const RIM = 0.75; // share of the radius outside of which a drag changes the radius, and inside moves the circle
+  const RIM = 0.75; // fraction of the radius: a drag outside changes the radius, a drag inside moves the circle
 
   return function gonioOutline(stage, form, done) {
     const [svg, circle] = [stage.querySelector("svg"), document.createElementNS(SVG, "circle")];
-    let [size, drag] = [[1, 1], null]; // drag: a place to the circle, as the pointer goes on
+    let [size, drag] = [[1, 1], null]; // drag: maps the position of the pointer to a circle
     const text = document.createElement("p");
     const inputs = ["Centre, from the left", "Centre, from the top", "Radius"].map((name) => {
       const input = Object.assign(document.createElement("input"), { type: "number", step: "any", min: 0, required: true });

@@ -152,7 +152,7 @@
     words(found);
   }
 
-  /** Shows the sphere, with the focus kept where it was. */
+  /** Shows the sphere and preserves the keyboard focus. */
   function view(options) {
     const container = at("sphere");
     const index = [...container.querySelectorAll("*")].indexOf(document.activeElement);
@@ -254,7 +254,7 @@
   zone.onclick = () => at("file").click();
   at("file").onchange = ({ target }) => {
     take(target.files[0]);
-    target.value = ""; // so that the same file can be chosen again
+    target.value = ""; // allows the user to choose the same file again
   };
   at("sample").onclick = () => begin("ball.exr", bytesOf("sample-data").buffer);
   // The whole page accepts files, because a file dropped outside the zone would replace the page.

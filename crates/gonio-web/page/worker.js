@@ -1,17 +1,17 @@
-// Runs one session of gonio-web. What goes before this is the binding of the module.
+// Runs one session of gonio-web. The JavaScript binding of the module precedes this file.
 //
-// Messages in: { module, model, name, bytes } once; { outline } marks the ball; { product } asks for a file.
-// Messages out: { event, ... }: "begin" and "end" of a step, "outline" where the ball has to be marked, "product", "failed".
+// Messages in: { module, model, name, bytes } once; { outline } marks the ball; { product } requests a file.
+// Messages out: { event, ... }: "begin" and "end" of a step, "outline" if the user must mark the ball, "product", "finished", "failed".
 "use strict";
 
-const PREVIEW = 720; // pixels of the photograph as it is shown
-const GRIDS = [8, 16, 32]; // of the light, the last as in the program
+const PREVIEW = 720; // largest side of the displayed photograph in pixels
+const GRIDS = [8, 16, 32]; // texels per side of the light grids; the last is that of the program
 
 const seconds = {};
 let session, panic;
 globalThis.gonioPanicked = (message) => (panic = message);
 
-/** Runs a step, tells of its begin and end, and gives what it found. */
+/** Runs a step, reports its begin and end, and returns its result. */
 function step(name, work) {
   postMessage({ event: "begin", step: name });
   const start = performance.now();
@@ -51,7 +51,7 @@ onmessage = ({ data }) => {
     else if (data.outline) observe(data.outline);
     else if (data.product) give(data.product);
   } catch (error) {
-    // What the library refuses is a string; anything else is a fault, after which the module cannot go on.
+    // The library throws strings; any other error is a fault, after which the module is unusable.
     const refused = typeof error === "string";
     postMessage({ event: "failed", refused, message: refused ? error : panic ?? String(error), product: data.product });
   }

@@ -1,10 +1,10 @@
-// Drops a photograph on the page of gonio-web in a browser, opened by file://, and fails if the result is late, wrong or incomplete, if
-// the page asks for anything, says anything on the console, is too large or too wide.
+// Drops a photograph on the page of gonio-web in a browser, opened by file://. Fails if the result is late, wrong or incomplete, if the
+// page requests anything or writes to the console, or if it is too large or too wide.
 //
 //     node check.mjs PAGE.html PHOTOGRAPH.exr [NATIVE.binary] [SCREENSHOT.png]
 //
-// NATIVE.binary is what `gonio infer` gives for the same photograph. CHROMIUM names the browser, /usr/bin/chromium otherwise. The package
-// is that of gonio-report: run `npm ci` in crates/gonio-report/tests/browser first.
+// NATIVE.binary is the result of `gonio infer` for the same photograph. CHROMIUM is the browser, by default /usr/bin/chromium. The script
+// uses the packages of gonio-report: run `npm ci` in crates/gonio-report/tests/browser first.
 import { readFile, readFileSync, statSync } from "node:fs";
 import { createServer } from "node:http";
 import { createRequire } from "node:module";
@@ -19,7 +19,7 @@ const { FLAGS } = await import(new URL("flags.mjs", REPORT));
 // 7.15 MB with the colour management of tagged pictures, which takes 0.15 MB.
 const MOST_BYTES = 7.2e6;
 const MOST_SECONDS = 20;
-const TOLERANCE = 1e-3; // relative, of a trusted cell, to the program
+const TOLERANCE = 1e-3; // relative deviation of a trusted cell from the result of the program
 const LATEST = 180e3; // for the whole run on a slow machine, ms
 
 const [html, photograph, native, screenshot] = process.argv.slice(2);
@@ -32,12 +32,12 @@ const faults = [];
 const fault = (text) => faults.push(text);
 const check = (holds, text) => holds || fault(text);
 
-/** A page that reports what it should not do. */
+/** Opens a page and reports unwanted requests, console output and errors. */
 async function open(browser, view, address = url) {
   const context = await browser.newContext({ viewport: view, colorScheme: view.colorScheme ?? "light", acceptDownloads: true });
   const page = await context.newPage();
   page.setDefaultTimeout(LATEST);
-  // The software renderer remarks on its own speed.
+  // The software renderer prints messages about its speed.
   const ownRemark = (text) => text.includes("GPU stall due to ReadPixels") || text.includes("GL Driver Message");
   page.on("console", (message) => {
     if (!ownRemark(message.text())) fault(`console ${message.type()}: ${message.text().slice(0, 300)}`);
@@ -51,7 +51,7 @@ async function open(browser, view, address = url) {
   return page;
 }
 
-/** Drops a file as a user does: enter, over, drop. Some browsers look at the file only then. */
+/** Drops a file as a user does: enter, over, drop. Some browsers expose the file only on drop. */
 async function drop(page, name, bytes) {
   const transfer = await page.evaluateHandle(([name, text]) => {
     const transfer = new DataTransfer();
@@ -88,7 +88,7 @@ function difference(a, b) {
   return most;
 }
 
-/** Nothing is wider than the window, every picture has words, and axe finds nothing against the page. */
+/** Checks that nothing is wider than the window, that all images have alternative texts, and that axe reports no violations. */
 async function layout(page, name) {
   const found = await page.evaluate(() => ({
     over: document.documentElement.scrollWidth - document.documentElement.clientWidth,
@@ -111,7 +111,7 @@ const size = statSync(html).size;
 check(size < MOST_BYTES, `the page has ${size} bytes`);
 const browser = await chromium.launch({ executablePath: process.env.CHROMIUM ?? "/usr/bin/chromium", args: FLAGS });
 try {
-  // A drop, from the first event to the last download.
+  // Drops a photograph and checks all events up to the last download.
   const page = await open(browser, { width: 1280, height: 900 });
   await layout(page, "empty");
   const since = await drop(page, basename(photograph), bytes);
@@ -136,7 +136,7 @@ try {
   check((await keep(page, "brdf_rgb.bsdf")).subarray(0, 12).toString() === "tensor_file\0", "brdf_rgb.bsdf is no tensor file");
   check((await keep(page, "light.exr")).readUInt32LE(0) === 20000630, "light.exr is no OpenEXR file");
   const result = JSON.parse(await keep(page, "result.json"));
-  // A drag of the outline asks anew, and the command says so.
+  // Dragging the outline restarts the inference, and the displayed command contains the new outline.
   const command = () => page.textContent("#photograph code");
   const outline = page.locator(".stage circle");
   await outline.scrollIntoViewIfNeeded();
@@ -154,7 +154,7 @@ try {
   check(result.format === "gonio-result" && result.settings.grid === 32 && result.seconds.material > 0, "result.json is incomplete");
   await page.context().close();
 
-  // On a phone and in the dark, served, after files that are none: the page still works. The sample this time.
+  // The page also works on a phone, in dark mode and from a server, with the sample after invalid files.
   const served = createServer((_, response) => readFile(html, (_, data) => response.setHeader("content-type", "text/html").end(data)));
   await new Promise((listening) => served.listen(0, "127.0.0.1", listening));
   const address = `http://127.0.0.1:${served.address().port}/`;
@@ -166,7 +166,7 @@ try {
   await layout(phone, "trouble");
   await drop(phone, "notes.txt", Buffer.from("not a picture"));
   await phone.waitForFunction(() => document.querySelector("#trouble").textContent.includes("notes.txt"));
-  // A picture without a ball asks for the outline: a grey PFM with a ramp.
+  // For an image without a ball (a grey ramp as PFM), the page requests the outline.
   const ramp = Buffer.alloc(3 * 64 * 64 * 4);
   for (let i = 0; i < 3 * 64 * 64; i++) ramp.writeFloatLE(0.2 + ((Math.floor(i / 3) * 37) % 101) / 100, 4 * i);
   await drop(phone, "ramp.pfm", Buffer.concat([Buffer.from("PF\n64 64\n-1\n"), ramp]));

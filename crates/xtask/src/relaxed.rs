@@ -1,9 +1,9 @@
-//! Replaces relaxed vector instructions in a module: a browser that lacks them refuses the whole
-//! module.
+//! Replaces relaxed vector instructions in a module, because a browser without them rejects the
+//! whole module.
 //!
-//! They come from code that asks at run time whether it may use them, and from default features of
-//! indirect dependencies, which cannot be turned off here. A relaxed multiply-add may round once or
-//! twice, so that a multiplication followed by an addition is a valid replacement.
+//! The instructions come from code that detects support at run time, and from default features of
+//! indirect dependencies, which cannot be disabled here. A relaxed multiply-add may round once or
+//! twice, so a multiplication followed by an addition is a valid replacement.
 
 use anyhow::{Result, bail};
 use walrus::ir::{
@@ -22,7 +22,7 @@ pub(crate) fn replace(module: &mut Module) -> Result<usize> {
         let mut replacer = Replacer { spare, count: 0, unknown: None };
         dfs_pre_order_mut(&mut replacer, function, function.entry_block());
         if let Some(unknown) = replacer.unknown {
-            bail!("the module has the relaxed vector instruction {unknown}, with which some browsers refuse it");
+            bail!("the module contains the relaxed vector instruction {unknown}, which some browsers reject");
         }
         count += replacer.count;
     }
@@ -53,8 +53,8 @@ impl VisitorMut for Replacer {
 }
 
 impl Replacer {
-    /// Returns instructions equivalent to a relaxed one, `None` for other instructions, and as the
-    /// error the name of a relaxed one without a known equivalent.
+    /// Returns instructions equivalent to a relaxed one, `None` for other instructions, and the
+    /// name of a relaxed instruction without a known equivalent as the error.
     fn replacement(&self, instruction: &Instr) -> Result<Option<Vec<Instr>>, String> {
         match instruction {
             Instr::TernOp(TernOp { op }) => self.ternary(*op).map(Some),
@@ -81,8 +81,8 @@ impl Replacer {
     }
 }
 
-/// Returns the strict operation that may replace a relaxed one, whose results for signed zeros and
-/// NaN are left open.
+/// Returns the strict operation that may replace a relaxed one. The results of relaxed operations
+/// for signed zeros and NaN are unspecified.
 fn binary(op: BinaryOp) -> Result<Option<BinaryOp>, String> {
     Ok(Some(match op {
         BinaryOp::F32x4RelaxedMin => BinaryOp::F32x4Min,
@@ -104,7 +104,7 @@ mod tests {
 
     use super::*;
 
-    /// A function of three vectors with one instruction.
+    /// Returns a module whose function applies one instruction to three vectors.
     fn module(op: TernaryOp) -> Module {
         let mut module = Module::with_config(ModuleConfig::new());
         let mut builder = FunctionBuilder::new(&mut module.types, &[ValType::V128; 3], &[ValType::V128]);
@@ -120,7 +120,7 @@ mod tests {
     }
 
     #[test]
-    fn multiplications_with_additions_are_taken_apart() {
+    fn fused_multiply_adds_are_split() {
         for op in [TernaryOp::F64x2RelaxedMadd, TernaryOp::F32x4RelaxedNmadd] {
             let mut module = module(op);
             assert_eq!(replace(&mut module).unwrap(), 1);
@@ -131,7 +131,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_known_is_refused() {
+    fn unknown_relaxed_instructions_are_rejected() {
         let error = replace(&mut module(TernaryOp::I8x16RelaxedLaneselect)).unwrap_err();
         assert!(error.to_string().contains("Laneselect"), "{error}");
     }

@@ -1,8 +1,8 @@
-//! The list of what the program `gonio` is made of, as CycloneDX 1.5 in JSON.
+//! Software bill of materials of the program `gonio`, as CycloneDX 1.5 JSON.
 //!
-//! `cargo tree` says which crates those are: unlike `cargo metadata`, it resolves the features of
-//! one package alone. Licences come from `cargo metadata`, checksums from `Cargo.lock`. Nothing
-//! depends on time or chance: equal locks make equal files.
+//! `cargo tree` lists the crates: unlike `cargo metadata`, it resolves the features of one package
+//! alone. Licences come from `cargo metadata`, checksums from `Cargo.lock`. The output is
+//! deterministic: equal lock files give equal output.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::ffi::OsStr;
@@ -14,13 +14,13 @@ use anyhow::{Context, Result, bail};
 use serde_json::{Value, json};
 
 const PACKAGE: &str = "gonio-cli";
-/// What is learnt and part of the program; the folder says what from.
+/// Folder of the learnt models in the program; its `PROVENANCE.md` describes the training data.
 const MODELS: &str = "crates/gonio-io/model";
 
-/// A crate by name and version; a lock has each once.
+/// Name and version of a crate, unique in a lock file.
 type Id = (String, String);
 
-/// Writes the list; returns a line that says so.
+/// Writes the bill of materials; returns a summary line.
 pub(crate) fn make(output: &Path) -> Result<String> {
     let bill = bill()?;
     let text = serde_json::to_string_pretty(&bill)? + "\n";
@@ -29,7 +29,7 @@ pub(crate) fn make(output: &Path) -> Result<String> {
     Ok(format!("{}: {count} components of gonio", output.display()))
 }
 
-/// Writes a file whole or not at all.
+/// Writes a file completely or not at all.
 fn write(path: &Path, text: &str) -> std::io::Result<()> {
     let name = format!(".gonio-{}", std::process::id());
     let unfinished = path.with_file_name(name);
@@ -59,7 +59,8 @@ fn bill() -> Result<Value> {
     let mut program = Value::Null;
     let mut components = Vec::new();
     for id in all.keys() {
-        let package = packages.get(id).with_context(|| format!("{} {}: cargo does not describe it", id.0, id.1))?;
+        let package =
+            packages.get(id).with_context(|| format!("{} {}: missing in the output of cargo metadata", id.0, id.1))?;
         let mut component = component(id, package, checksums.get(id).map(String::as_str))?;
         if id.0 == PACKAGE {
             program = component;
@@ -92,13 +93,13 @@ fn bill() -> Result<Value> {
     }))
 }
 
-/// The platform that rustc runs on.
+/// Returns the host platform of rustc.
 fn host() -> Result<String> {
     let rustc = std::env::var_os("RUSTC").unwrap_or_else(|| "rustc".into());
     let out = run(Command::new(rustc).arg("-vV"))?;
     let out = String::from_utf8(out)?;
     let host = out.lines().find_map(|line| line.strip_prefix("host: "));
-    Ok(host.context("rustc does not say what it runs on")?.to_owned())
+    Ok(host.context("rustc -vV does not print its host")?.to_owned())
 }
 
 fn cargo(root: &Path, arguments: &[impl AsRef<OsStr>]) -> Result<Vec<u8>> {
@@ -114,7 +115,8 @@ fn run(command: &mut Command) -> Result<Vec<u8>> {
     Ok(out.stdout)
 }
 
-/// Reads lines of depth, name and version of `cargo tree`: each crate with those it needs.
+/// Parses lines of depth, name and version from `cargo tree`; returns each crate with its
+/// dependencies.
 fn graph(tree: &str) -> Result<BTreeMap<Id, BTreeSet<Id>>> {
     let mut graph: BTreeMap<Id, BTreeSet<Id>> = BTreeMap::new();
     let mut path: Vec<Id> = Vec::new();
@@ -124,11 +126,11 @@ fn graph(tree: &str) -> Result<BTreeMap<Id, BTreeSet<Id>>> {
         let (Some(depth), Some(name), Some(version)) =
             (depth.and_then(|d| d.parse::<usize>().ok()), name, version.and_then(|v| v.strip_prefix('v')))
         else {
-            bail!("cargo tree says {line:?}, which is no crate");
+            bail!("cargo tree printed {line:?}, which is not a crate");
         };
         let id = (name.to_owned(), version.to_owned());
         if depth > path.len() {
-            bail!("cargo tree says {line:?} below no crate");
+            bail!("cargo tree printed {line:?} without a parent crate");
         }
         path.truncate(depth);
         if let Some(parent) = path.last() {
@@ -146,7 +148,7 @@ fn packages(metadata: &Value) -> BTreeMap<Id, &Value> {
     list.iter().filter_map(|p| Some((id(p)?, p))).collect()
 }
 
-/// SHA-256 of the archives of crates.
+/// Returns the SHA-256 checksums of the crate archives.
 fn checksums(lock: &str) -> BTreeMap<Id, String> {
     let mut sums = BTreeMap::new();
     for package in lock.split("[[package]]").skip(1) {
@@ -173,7 +175,7 @@ fn component(id: &Id, package: &Value, checksum: Option<&str>) -> Result<Value> 
         "bom-ref": reference(id),
         "name": if name == PACKAGE { "gonio" } else { name },
         "version": version,
-        // Before there were expressions, a stroke meant a choice.
+        // Old manifests separate alternative licences by a slash.
         "licenses": [{ "expression": licence.replace(" / ", " OR ").replace('/', " OR ") }],
     });
     if let Some(description) = package["description"].as_str() {
@@ -184,14 +186,15 @@ fn component(id: &Id, package: &Value, checksum: Option<&str>) -> Result<Value> 
         None if package["source"].is_null() => {}
         None => bail!("{name} {version}: has no checksum in Cargo.lock"),
     }
-    // Packages of this workspace are in no registry: a name in one would be somebody else's.
+    // Packages of this workspace are not in a registry; there, their names could belong to other
+    // crates.
     if !package["source"].is_null() {
         component["purl"] = json!(format!("pkg:cargo/{name}@{}", version.replace('+', "%2B")));
     }
     Ok(component)
 }
 
-/// The learnt models that are part of the program.
+/// Returns the learnt models that are part of the program.
 fn models(root: &Path) -> Result<Vec<Value>> {
     let folder = root.join(MODELS);
     let mut names = Vec::new();
@@ -207,7 +210,7 @@ fn models(root: &Path) -> Result<Vec<Value>> {
             "type": "machine-learning-model",
             "bom-ref": format!("model:{name}"),
             "name": name,
-            "licenses": [{ "license": { "name": format!("terms of what it was learnt from: see {MODELS}/PROVENANCE.md") } }],
+            "licenses": [{ "license": { "name": format!("terms of its training data: see {MODELS}/PROVENANCE.md") } }],
         })
     };
     Ok(names.iter().map(model).collect())
@@ -222,7 +225,7 @@ mod tests {
     }
 
     #[test]
-    fn the_bill_is_of_the_program_and_complete() {
+    fn the_bill_lists_all_components_of_the_program() {
         let bill = bill().unwrap();
         assert_eq!((text(&bill, "bomFormat"), text(&bill, "specVersion")), ("CycloneDX", "1.5"));
         let program = &bill["metadata"]["component"];
@@ -244,7 +247,8 @@ mod tests {
             let licence = text(&one["licenses"][0], "expression");
             assert!(!licence.contains('/'), "{licence}");
         }
-        // Linked, of the build alone, of tests alone, of another program, of a feature that is off.
+        // Linked crates are required and crates of the build excluded. Crates of tests, of other
+        // programs and of disabled features are absent.
         assert_eq!(find("clap").unwrap()["scope"], "required");
         assert_eq!(find("serde_derive").unwrap()["scope"], "excluded");
         for other in ["proptest", "divan", "nuts-rs", "walrus", "xtask", "gonio-eval", "pyo3", "rawler"] {
@@ -266,7 +270,7 @@ mod tests {
     }
 
     #[test]
-    fn trees_are_read() {
+    fn parses_the_output_of_cargo_tree() {
         let id = |name: &str| (name.to_owned(), "1.0.0".to_owned());
         let read =
             graph("0 a v1.0.0 (/here)\n1 b v1.0.0\n2 c v1.0.0 (proc-macro)\n1 c v1.0.0 (proc-macro) (*)\n").unwrap();
@@ -278,7 +282,7 @@ mod tests {
     }
 
     #[test]
-    fn files_are_written_whole_or_not_at_all() {
+    fn files_are_written_completely_or_not_at_all() {
         let dir = std::env::temp_dir().join(format!("gonio-xtask-{}", std::process::id()));
         fs::create_dir(&dir).unwrap();
         write(&dir.join("a"), "one").unwrap();

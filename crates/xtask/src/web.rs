@@ -1,5 +1,5 @@
-//! Building of the page of `gonio-web`: compiles the module, binds it to JavaScript, and puts
-//! everything into one file.
+//! Builds the page of `gonio-web`: compiles the module, binds it to JavaScript, and combines
+//! everything in one file.
 
 use std::fs;
 use std::io::Write;
@@ -17,11 +17,11 @@ use wasm_bindgen_cli_support::Bindgen;
 use crate::relaxed;
 
 const TARGET: &str = "wasm32-unknown-unknown";
-/// Compiler flags for SIMD, which browsers have had since 2023 at the latest and the inference
+/// Compiler flags for SIMD, which all browsers have supported since 2023 and which the inference
 /// needs for speed.
 const FEATURES: &str = "-C target-feature=+simd128";
-/// Binary digits that the numbers of the page's model keep: the BRDF of the sample differs from
-/// that of the program by less than a thousandth.
+/// Binary digits of the numbers in the model of the page. With these, the BRDF of the sample
+/// differs from that of the program by less than 0.1 %.
 const DIGITS: u32 = 16;
 /// Placeholders, each once in `index.html`, and the files of the workspace that replace them
 /// unchanged.
@@ -38,7 +38,7 @@ const PARTS: [(&str, &[&str]); 2] = [
     ),
 ];
 
-/// Builds `index.html` in a folder; returns a line that says so.
+/// Builds `index.html` in a folder; returns a summary line.
 pub(crate) fn make(output: &Path) -> Result<String> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").canonicalize()?;
     let module = compile(&root)?;
@@ -46,7 +46,7 @@ pub(crate) fn make(output: &Path) -> Result<String> {
         .input_path(&module)
         .no_modules(true)?
         .typescript(false)
-        // Not by the profile's `strip`, which would also remove the list of vector instructions.
+        // The option `strip` of the profile would also remove the list of vector instructions.
         .remove_name_section(true)
         .generate_output()
         .with_context(|| format!("{}: cannot be bound to JavaScript", module.display()))?;
@@ -79,15 +79,15 @@ pub(crate) fn make(output: &Path) -> Result<String> {
     ))
 }
 
-/// Compresses bytes as browsers can undo it.
+/// Compresses bytes with gzip, which browsers can decompress.
 fn packed(bytes: &[u8]) -> Result<Vec<u8>> {
     let mut encoder = GzEncoder::new(Vec::new(), Compression::best());
     encoder.write_all(bytes)?;
     Ok(encoder.finish()?)
 }
 
-/// Sorts the bytes of words of four: all first bytes, then all second ones, and so on. Where the
-/// last digits of numbers are zero, this compresses by a quarter better.
+/// Groups the bytes of 4-byte words by position: all first bytes, then all second bytes, and so on.
+/// If the last digits of the numbers are zero, the result compresses by a quarter better.
 fn planes(bytes: &[u8]) -> Vec<u8> {
     let mut padded = bytes.to_vec();
     padded.resize(bytes.len().next_multiple_of(4), 0);
@@ -97,7 +97,7 @@ fn planes(bytes: &[u8]) -> Vec<u8> {
 /// Compiles `gonio-web`; returns the path of the module.
 fn compile(root: &Path) -> Result<PathBuf> {
     if !has_target()? {
-        bail!("Rust cannot compile for browsers here: run `rustup target add {TARGET}`");
+        bail!("the Rust target {TARGET} is not installed; run `rustup target add {TARGET}`");
     }
     let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
     let built = Command::new(cargo)
@@ -119,10 +119,10 @@ fn compile(root: &Path) -> Result<PathBuf> {
     let mut names = files.filter_map(|file| file.as_str().map(PathBuf::from));
     names
         .rfind(|file| file.file_name().is_some_and(|name| name == "gonio_web.wasm"))
-        .context("cargo does not say where it put the module")
+        .context("cargo did not print the path of the module")
 }
 
-/// Whether the standard library for browsers is installed.
+/// Returns whether the standard library for browsers is installed.
 fn has_target() -> Result<bool> {
     let rustc = std::env::var_os("RUSTC").unwrap_or_else(|| "rustc".into());
     let found = Command::new(rustc)
@@ -137,10 +137,10 @@ fn read(root: &Path, file: &str) -> Result<String> {
     fs::read_to_string(root.join(file)).with_context(|| file.to_owned())
 }
 
-/// Replaces a placeholder by a text. Fails on a text that would end its script element.
+/// Replaces a placeholder by a text. Fails if the text would end its script element.
 fn fill(page: &mut String, place: &str, text: &str) -> Result<()> {
     if text.contains("</script") || text.contains("<!--") {
-        bail!("{place}: what goes there would end its element");
+        bail!("{place}: the text would end its element");
     }
     if page.matches(place).count() != 1 {
         bail!("{place}: must be in index.html once");
@@ -154,13 +154,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn bytes_are_sorted_by_their_place_in_a_word() {
+    fn bytes_are_grouped_by_position_in_a_word() {
         assert_eq!(planes(&[1, 2, 3, 4, 5, 6, 7, 8]), [1, 5, 2, 6, 3, 7, 4, 8]);
         assert_eq!(planes(&[1, 2, 3, 4, 5]), [1, 5, 2, 0, 3, 0, 4, 0]);
     }
 
     #[test]
-    fn each_place_is_filled_once() {
+    fn each_placeholder_is_replaced_once() {
         let mut page = "a PLACE b".to_owned();
         assert!(fill(&mut page, "PLACE", "</script>").is_err());
         fill(&mut page, "PLACE", "text").unwrap();

@@ -44,5 +44,5 @@ Progress: TypeAlias = "Callable[[str, float], object]"
 
 
 def is_path(value: object) -> bool:
-    """Whether a value is a path."""
+    """Returns whether a value is a path."""
     return isinstance(value, (str, os.PathLike))

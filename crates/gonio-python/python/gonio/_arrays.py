@@ -126,7 +126,7 @@ def photograph(given: Photograph, name: str, linear: bool, warnings: list[str]) 
     """Converts a photograph: an image, the bytes of a file, or the files of exposures."""
     if isinstance(given, (bytes, bytearray, memoryview)):
         return bytes(given)
-    # A PIL image reads no bytes; an open file does.
+    # An open file has the method `read`; a PIL image does not.
     if callable(getattr(given, "read", None)):
         read = cast(Any, given).read()
         if not isinstance(read, bytes):

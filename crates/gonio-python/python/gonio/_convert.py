@@ -88,7 +88,7 @@ def inference_data(draws: Floats) -> Any:
     try:
         arviz: Any = importlib.import_module("arviz")
     except ImportError:
-        # The part of ArviZ 1.0 that converts.
+        # The package of ArviZ 1.0 that contains the conversion.
         arviz = needed("arviz_base", "to_inference_data", "arviz")
     numbers = _gonio.highlights(draws)
     names = ("gloss", "alpha", "gloss_units_20", "gloss_units_60")

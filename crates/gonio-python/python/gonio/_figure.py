@@ -53,7 +53,7 @@ def lobe(axes: Axes, mean: Floats, quantiles: Floats, draws: Floats) -> None:
     degrees = np.degrees(THETA_H)
     kept = degrees < TRUSTED
     x = degrees[kept]
-    # The mean over small difference angles, that is, for light near the camera.
+    # Mean over small difference angles: light near the camera.
     slices = quantiles[:, kept, :20].mean(axis=2)
     axes.fill_between(x, slices[0], slices[3], color=INK, alpha=0.18, linewidth=0, label="90 %")
     axes.fill_between(x, slices[1], slices[2], color=INK, alpha=0.35, linewidth=0, label="50 %")
@@ -77,7 +77,7 @@ def certainty(figure: Figure, axes: Axes, quantiles: Floats, undetermined: NDArr
     from matplotlib.colors import LogNorm
 
     factor: Any = quantiles[3] / np.maximum(quantiles[0], 1e-9)
-    # Samples of the half angle are even in its square root, those of the difference angle in the angle.
+    # Samples are uniform in the square root of the half angle and in the difference angle.
     extent = (0.0, 90.0, 0.0, 90.0)
     kept = factor[: int(90 * np.sqrt(TRUSTED / 90)), :TRUSTED]
     norm: Any = LogNorm(1, max(4.0, float(kept.max())))

@@ -35,7 +35,7 @@ _Bytes: TypeAlias = NDArray[np.uint8]
 
 @final
 class Model:
-    """Model of an inference: prior of light, basis of reflectance and posterior of materials."""
+    """Model of an inference: light prior, reflectance basis and posterior of materials."""
 
     @staticmethod
     def embedded() -> Model:

@@ -117,7 +117,7 @@ class Result:
         _gonio.save(os.fspath(directory), result)
 
     def _complete(self, result: SavedResult) -> None:
-        """Adds further contents to a folder of results."""
+        """Adds further contents to a result folder."""
 
     def export(
         self,
@@ -177,11 +177,11 @@ class Result:
         return self.brdf.to_mitsuba(plugin)
 
     def _lit(self) -> Floats | None:
-        """Estimated or known light of the photograph, if any."""
+        """Returns the estimated or known light of the photograph, if any."""
         return None
 
     def __getstate__(self) -> dict[str, Any]:
-        # Cached values are computed again.
+        # Cached values are not pickled; they are computed again.
         return {**self.__dict__, "_told": None}
 
 

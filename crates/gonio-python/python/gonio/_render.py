@@ -72,7 +72,7 @@ def drawn(
     progress: Progress | None,
     colorspace: str | None = None,
 ) -> Floats:
-    """Renders the table of a BRDF. Warnings refer to the caller of the caller."""
+    """Renders the table of a BRDF. Warnings refer to the caller of the calling function."""
     listener(progress)
     lit = studio_light() if light is None else light_map(light, colorspace=colorspace)
     rgb, alpha, said = _gonio.render(table, full, lit, given, settings, {"progress": progress, "poll": None})

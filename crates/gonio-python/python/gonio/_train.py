@@ -39,7 +39,7 @@ class Part:
     data : bytes
         Contents of the file.
     errors : dict of str to float
-        For a basis of reflectance: root mean square error of each material over the trusted cells,
+        For a reflectance basis: root mean square error of each material over the trusted cells,
         in 1/sr.
     """
 
@@ -72,7 +72,7 @@ def train_lighting(
     seed: int = 1,
     progress: Progress | None = None,
 ) -> Part:
-    """Train the prior of light.
+    """Train the light prior.
 
     Parameters
     ----------
@@ -122,7 +122,7 @@ def train_reflectance(
     seed: int = 0,
     progress: Progress | None = None,
 ) -> Part:
-    """Train the basis and the prior of reflectance.
+    """Train the reflectance basis and its prior.
 
     Parameters
     ----------

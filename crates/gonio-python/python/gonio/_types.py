@@ -210,7 +210,7 @@ class FoundTogether(FoundMaterial):
 
 
 class SavedResult(TypedDict):
-    """Contents of a folder of results."""
+    """Contents of a result folder."""
 
     table: Floats
     likelihood: Likelihood | None
@@ -223,7 +223,7 @@ class SavedResult(TypedDict):
 
 
 class LightingOptions(TypedDict):
-    """Settings for training the prior of light."""
+    """Settings for training the light prior."""
 
     grid: int
     layout: str
@@ -233,7 +233,7 @@ class LightingOptions(TypedDict):
 
 
 class ReflectanceOptions(TypedDict):
-    """Settings for training the basis of reflectance."""
+    """Settings for training the reflectance basis."""
 
     rank: int
     channel: str

@@ -3,9 +3,9 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Removes the hook of libFuzzer that aborts the process at any panic, so that panics of
-/// third-party decoders reach `gonio-io`, which catches them. A panic that escapes from a reader
-/// still aborts the process.
+/// Removes the hook of libFuzzer that aborts the process at any panic. Panics of third-party
+/// decoders then reach `gonio-io`, which catches them. A panic that escapes from a reader still
+/// aborts the process.
 pub fn let_guards_catch() {
     std::panic::set_hook(Box::new(|_| {}));
 }

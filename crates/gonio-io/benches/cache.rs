@@ -15,8 +15,8 @@ fn main() {
 
 const KEY: &str = "plan";
 
-/// A plan of about 70 MB, a little more than that of a sphere at the default settings (9,916
-/// points, rank 800); values do not matter here.
+/// Returns a plan of about 70 MB. That of a sphere at the default settings (9,916 points, rank 800)
+/// is slightly smaller. The values do not matter.
 fn plan() -> Plan {
     let settings = PlanSettings { rank: 868, ..PlanSettings::default() };
     let (points, k, rank) = (9_916, 10, settings.rank);

@@ -8,11 +8,11 @@ use crate::{Error, guard, npy};
 
 /// Name of the array of shape (materials, `theta_h`, `theta_d`, RGB) in 1/sr.
 const TABLES: &str = "bivariate_rgb_f32.npy";
-/// Name of the list of materials, one name a line, in the order of the array.
+/// Name of the list of materials, one name per line, in the order of the array.
 const NAMES: &str = "materials.txt";
 
-/// Reads all materials of a folder: name and red, green and blue table in 1/sr, in the order of
-/// `materials.txt`.
+/// Reads all materials of a folder, in the order of `materials.txt`. A material has a name and
+/// tables of red, green and blue in 1/sr.
 ///
 /// # Errors
 /// If a file cannot be read, the shape of the array is not (number of names, 90, 90, 3), a name

@@ -9,9 +9,10 @@ use crate::folder::{self, has_extension};
 use crate::rgl::{self, MAGIC};
 use crate::{Error, guard, merl};
 
-/// Reads a material from a file of the MERL database (`.binary`) or of the RGL database
-/// (`_rgb.bsdf`), recognised by the first bytes. RGL measurements are resampled to the angles of
-/// MERL ([`rgl::Rgl::to_merl`]).
+/// Reads a material from a file of the MERL (`.binary`) or RGL database (`_rgb.bsdf`).
+///
+/// The first bytes or the extension `.bsdf` determine the format. RGL measurements are resampled to
+/// the angles of MERL ([`rgl::Rgl::to_merl`]).
 ///
 /// # Errors
 /// See [`merl::read`] and [`rgl::read`].
@@ -27,11 +28,10 @@ pub fn read(path: impl AsRef<Path>) -> Result<MerlTable, Error> {
     }
 }
 
-/// Lists the `.binary` and `.bsdf` files of a folder with the names of their materials, sorted by
-/// name.
+/// Lists the `.binary` and `.bsdf` files of a folder with material names, sorted by name.
 ///
 /// # Errors
-/// If the folder cannot be read or holds no such file.
+/// If the folder cannot be read or contains no such file.
 pub fn list(dir: impl AsRef<Path>) -> Result<Vec<(String, PathBuf)>, Error> {
     folder::materials(dir.as_ref(), &["binary", "bsdf"])
 }

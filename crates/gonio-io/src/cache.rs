@@ -38,8 +38,10 @@ pub struct Cache {
 }
 
 impl Cache {
-    /// Returns the user's cache: the folder in [`GONIO_CACHE_DIR`](DIR_VARIABLE), else `gonio` in
-    /// the platform's cache folder. `None` if the variable is empty or there is no home.
+    /// Returns the user's cache.
+    ///
+    /// Its folder is that in [`GONIO_CACHE_DIR`](DIR_VARIABLE), else `gonio` in the platform's
+    /// cache folder. `None` if the variable is empty or there is no home.
     pub fn user() -> Option<Self> {
         Self::user_or(std::env::var_os(DIR_VARIABLE))
     }
@@ -67,7 +69,7 @@ impl Cache {
         &self.dir
     }
 
-    /// Returns the content stored under `key`, if it is there and undamaged.
+    /// Returns the content stored under `key`, if it exists and is undamaged.
     pub fn load(&self, key: &str) -> Option<Vec<u8>> {
         let path = self.entry(key);
         let mut file = File::open(&path).ok()?;
@@ -85,12 +87,13 @@ impl Cache {
         Some(content)
     }
 
-    /// Stores `content` under `key`, replacing what was there, then removes the entries that have
-    /// been unused longest until the budget is met.
+    /// Stores `content` under `key`, replacing an existing entry.
+    ///
+    /// Then removes the least recently used entries until the size is within the budget.
     ///
     /// # Errors
     /// If the folder cannot be created or written, the disk is full, or the content alone exceeds
-    /// the budget. The caller can go on regardless.
+    /// the budget. The caller can continue without the cache.
     pub fn store(&self, key: &str, content: &[u8]) -> Result<(), Error> {
         let path = self.entry(key);
         if (content.len() + HEADER) as u64 > self.budget {
@@ -118,8 +121,7 @@ impl Cache {
         self.dir.join(format!("{stem}.{EXTENSION}"))
     }
 
-    /// Removes the oldest entries beyond the budget, except `newest`, and leftovers of crashed
-    /// processes.
+    /// Removes the oldest entries beyond the budget, except `newest`, and stale unfinished files.
     fn trim(&self, newest: &Path) {
         let Ok(files) = fs::read_dir(&self.dir) else { return };
         let now = SystemTime::now();

@@ -6,8 +6,7 @@ use std::path::{Path, PathBuf};
 
 use gonio::remedy::Remedy;
 
-/// Largest displayed length of a problem in characters; files and third-party messages can be
-/// longer.
+/// Largest displayed length of a problem in characters; third-party messages can be longer.
 const LONGEST_PROBLEM: usize = 500;
 
 /// Category of an error.
@@ -18,7 +17,8 @@ pub enum Kind {
     Io,
     /// The format, or a feature of it, is not supported.
     Unsupported,
-    /// The file contradicts itself or its format: cut short, wrong dimensions, a bad header.
+    /// The file contradicts itself or its format: truncation, wrong dimensions, or an invalid
+    /// header.
     Damaged,
     /// The file requires more memory than allowed; detected before allocation.
     Limits,
@@ -54,8 +54,8 @@ impl Error {
         &self.0.path
     }
 
-    /// Describes the problem, without the name of the file and without advice. May hold several
-    /// lines if a third party's message does.
+    /// Describes the problem, without the name of the file and without advice. It may have several
+    /// lines if a third-party message has.
     pub fn problem(&self) -> &str {
         &self.0.problem
     }
@@ -128,8 +128,8 @@ impl fmt::Display for Inner {
     }
 }
 
-/// Writes a text as one line: file names and third-party messages may contain line breaks and other
-/// control characters, which would forge lines of output.
+/// Writes a text as one line without control characters. File names and third-party messages may
+/// contain line breaks, which would forge lines of output.
 fn one_line(text: &str, f: &mut fmt::Formatter<'_>) -> fmt::Result {
     text.chars().try_for_each(|c| match c {
         '\n' | '\r' | '\t' => f.write_str(" "),

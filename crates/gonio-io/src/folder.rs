@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use crate::Error;
 
-/// Lists the files of a folder with one of some extensions (in lower case), sorted by name.
+/// Lists the files of a folder with one of the extensions (in lower case), sorted by name.
 ///
 /// # Errors
 /// If the folder cannot be read.
@@ -27,8 +27,8 @@ pub(crate) fn has_extension(path: &Path, extensions: &[&str]) -> bool {
     path.extension().is_some_and(|e| extensions.contains(&e.to_string_lossy().to_ascii_lowercase().as_str()))
 }
 
-/// Lists the measured materials of a folder: files with one of some extensions, and their names
-/// without the extension.
+/// Lists the measured materials of a folder. These are files with one of the extensions, with their
+/// names without the extension.
 pub(crate) fn materials(dir: &Path, extensions: &[&str]) -> Result<Vec<(String, PathBuf)>, Error> {
     let named =
         |path: PathBuf| path.file_stem().map(|name| name.to_string_lossy().into_owned()).zip(Some(path.clone()));

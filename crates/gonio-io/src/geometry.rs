@@ -3,8 +3,8 @@
 //! * OpenEXR: depths in a channel `Z`, `V`, `depth` or `distance`, plain or of a pass such as
 //!   `Depth.V`, or in grey; positions in `X Y Z` or `R G B`, preferably of a pass named `position`.
 //! * NPY: depths of shape (height, width), positions of shape (height, width, 3), row 0 at the top.
-//! * 16-bit PNG and TIFF: depths coded as 0..1 between a near and a far one. Float TIFF: depths as
-//!   they are. PFM: both.
+//! * 16-bit PNG and TIFF: depths coded as 0..1 between a near and a far depth. Float TIFF: plain
+//!   depths or positions. PFM: both.
 //!
 //! A pixel without a surface is zero, infinite, NaN, or at least 1e9, as renderers write for the
 //! background (Blender: 1e10). In an integer image, it has the smallest or the largest code, or is
@@ -38,7 +38,7 @@ pub fn depth_of(value: f64) -> Option<f64> {
     Some(value).filter(|d| d.is_finite() && *d != 0.0 && d.abs() < NOTHING)
 }
 
-/// Returns the position of three stored numbers: `None` (no surface) if they are zero, not finite
+/// Returns the position of three stored numbers. `None` (no surface) if they are zero, not finite
 /// or huge.
 pub fn place_of(value: DVec3) -> Option<DVec3> {
     Some(value).filter(|p| p.is_finite() && *p != DVec3::ZERO && p.abs().max_element() < NOTHING)
@@ -105,7 +105,7 @@ pub fn decode_depth(path: &Path, bytes: &[u8], options: &DepthOptions) -> Result
     Ok(depths)
 }
 
-/// Reads a position map in the frame and unit of the file; `None` marks pixels without a surface:
+/// Reads a position map in the frame and unit of the file. `None` marks pixels without a surface:
 /// positions that are not finite, huge, or exactly at the origin.
 ///
 /// # Errors

@@ -1,5 +1,4 @@
-//! Guards against untrusted files: limits on file sizes, and capture of panics in third-party
-//! decoders.
+//! Guards against untrusted files: limits on file sizes, and capture of panics in decoders.
 
 use std::fs::File;
 use std::io::{self, Read};
@@ -55,8 +54,8 @@ pub(crate) fn read_stream(name: &Path, stream: impl Read, max: u64) -> Result<Ve
     Ok(bytes)
 }
 
-/// Runs a third-party decoder and converts its panic, which only a damaged file causes, into an
-/// error.
+/// Runs a third-party decoder and converts a panic into an error. Only damaged files cause such
+/// panics.
 pub(crate) fn catching<T>(path: &Path, format: &str, decode: impl FnOnce() -> Result<T, Error>) -> Result<T, Error> {
     // Unwinding drops everything that the decoder held, so no inconsistent state remains.
     catch_unwind(AssertUnwindSafe(decode))

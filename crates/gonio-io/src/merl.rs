@@ -130,10 +130,10 @@ pub fn write(path: impl AsRef<Path>, table: &MerlTable) -> Result<(), Error> {
     atomic::write_file(path, &encode(table))
 }
 
-/// Lists the `.binary` files of a folder with the names of their materials, sorted by name.
+/// Lists the `.binary` files of a folder with material names, sorted by name.
 ///
 /// # Errors
-/// If the folder cannot be read or holds no such file.
+/// If the folder cannot be read or contains no such file.
 pub fn list(dir: impl AsRef<Path>) -> Result<Vec<(String, PathBuf)>, Error> {
     crate::folder::materials(dir.as_ref(), &["binary"])
 }

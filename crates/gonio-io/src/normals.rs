@@ -24,7 +24,7 @@ use crate::{Error, guard, npy};
 const RENORMALISED: std::ops::RangeInclusive<f32> = 0.5..=1.3;
 /// Largest deviation from 1 of the length of a correctly decoded normal.
 const UNIT_SLACK: f32 = 0.02;
-/// Length below which an integer code stands for zero, which no integer represents exactly.
+/// Length below which a decoded normal counts as zero, which no integer represents exactly.
 const CODED_ZERO: f32 = 0.05;
 
 /// Reads a normal map. Pixels without a surface (zero or NaN; in integer files black, mid-grey or
@@ -64,8 +64,8 @@ pub fn decode(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Plane<
     }
 }
 
-/// Selects the channels most likely to be normals: `X Y Z` before `R G B`, and a pass named for
-/// normals before all others.
+/// Selects the channels most likely to be normals: `X Y Z` before `R G B`, and a pass with a name
+/// for normals before all others.
 fn select(path: &Path, headers: &[exr::meta::header::Header]) -> Result<Selection, Error> {
     let groups = picture::groups(headers);
     let mut found: Option<(u32, Selection)> = None;

@@ -18,11 +18,12 @@ pub struct Array {
     pub values: Vec<f32>,
 }
 
-/// Reads an array of floats; 64-bit values are rounded to 32 bits, Fortran order is turned into C
-/// order.
+/// Reads an array of floats. 64-bit values are rounded to 32 bits, and Fortran order is converted
+/// to C order.
 ///
 /// # Errors
-/// If the file cannot be read, holds another type, or its length does not fit its shape.
+/// If the file cannot be read, has values of another type, or a length that does not match its
+/// shape.
 pub fn read(path: impl AsRef<Path>) -> Result<Array, Error> {
     let path = path.as_ref();
     decode(path, &guard::read_whole(path, MAX_BYTES)?)
@@ -31,7 +32,7 @@ pub fn read(path: impl AsRef<Path>) -> Result<Array, Error> {
 /// Decodes an array held in memory; `path` is only used in error messages.
 ///
 /// # Errors
-/// If the bytes are not an array of floats, or their number does not fit the shape.
+/// If the bytes are not an array of floats, or their number does not match the shape.
 pub fn decode(path: &Path, bytes: &[u8]) -> Result<Array, Error> {
     let (header, data) = split(bytes).ok_or_else(|| Error::damaged(path, "does not have the header of an NPY file"))?;
     let bad = |what: &str| Error::damaged(path, format!("has no valid {what} in its NPY header"));

@@ -27,8 +27,8 @@ const MAX_BYTES: u64 = 64 << 20;
 pub struct SavedPosterior {
     format: String,
     version: u32,
-    /// [`id`](gonio::inference::learnt::LearntPosterior::id) of the model that computed the
-    /// likelihood.
+    /// Identifier of the model that computed the likelihood: its
+    /// [`id`](gonio::inference::learnt::LearntPosterior::id).
     pub model: String,
     /// Names of the photographs.
     pub images: Vec<String>,

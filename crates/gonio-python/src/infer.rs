@@ -177,7 +177,7 @@ impl GivenRegions<'_> {
     }
 }
 
-/// Infers several materials under one light; returns the name of each region with the values of a
+/// Infers several materials under one light. Returns the name of each region with the values of a
 /// `Posterior` by name.
 #[pyfunction]
 pub(crate) fn infer_regions<'py>(
@@ -261,8 +261,8 @@ pub(crate) fn shown<'py>(py: Python<'py>, pictures: Vec<(&'static str, Plane<Vec
     Ok(out)
 }
 
-/// Returns a dictionary of the results with the keys of `gonio._types.Found`, or of `FoundInBasis`
-/// for methods that estimate coefficients only.
+/// Returns a dictionary of the results with the keys of `gonio._types.Found`. For methods that
+/// estimate coefficients only, the keys are those of `FoundInBasis`.
 fn spell_out<'py>(py: Python<'py>, answer: Answer, model: &Bound<'py, Model>) -> PyResult<Bound<'py, PyDict>> {
     let (field, light_colour) = (answer.colouring.field(), answer.colouring.light());
     let channels = answer.material.as_ref().map(|material| answer.colouring.quantiles(material));

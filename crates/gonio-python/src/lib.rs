@@ -1,6 +1,7 @@
-//! The extension module `gonio._gonio`: functions of the library for the Python package, over plain
-//! arrays and dictionaries. Classes, defaults and documentation are in `python/gonio`, the types of
-//! this module in `_gonio.pyi`.
+//! The extension module `gonio._gonio`: functions of the library for the Python package.
+//!
+//! The functions use plain arrays and dictionaries. Classes, defaults and documentation are in
+//! `python/gonio`, the types of this module in `_gonio.pyi`.
 //!
 //! Long computations run on a separate thread without the interpreter's lock and stop on Ctrl-C
 //! (`work`). Arrays are passed without copies (`arrays`).

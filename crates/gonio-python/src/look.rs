@@ -76,8 +76,8 @@ pub(crate) fn merge(
     Ok(out)
 }
 
-/// Returns the main exposure of each pixel, from 0; -1 if all exposures are clipped, -2 if all are
-/// black, -3 if they contradict each other.
+/// Returns the main exposure of each pixel, from 0. The value is -1 if all exposures are clipped,
+/// -2 if all are black, -3 if they contradict each other.
 fn origin<'py>(py: Python<'py>, known: &Plane<Known>) -> Bound<'py, PyArray2<i16>> {
     let (width, height) = known.size();
     let code = |known: &Known| match known {

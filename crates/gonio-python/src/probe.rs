@@ -18,8 +18,9 @@ pub(crate) struct Settings {
     second_yaw: Option<f64>,
 }
 
-/// Light of shape (rows, 2 rows, 3), observed fraction of each texel of shape (rows, 2 rows), a
-/// picture of 8-bit samples, notes as JSON, and warnings.
+/// Light, observed fraction of each texel, picture, notes and warnings. The light has the shape
+/// (rows, 2 rows, 3), the fraction (rows, 2 rows); the picture has 8-bit samples, the notes are
+/// JSON.
 type Probe<'py> = (Bound<'py, PyArray3<f32>>, Bound<'py, PyArray2<f32>>, Bound<'py, PyArray3<u8>>, String, Vec<String>);
 
 /// Unwraps one or two photographs of a mirror ball.

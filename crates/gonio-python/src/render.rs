@@ -31,8 +31,8 @@ pub(crate) struct Settings {
 /// Radiance of shape (height, width, 3), coverage of shape (height, width), and warnings.
 type Rendered<'py> = (Bound<'py, PyArray3<f32>>, Bound<'py, numpy::PyArray2<f32>>, Vec<String>);
 
-/// Renders a sphere or a mesh under a lat-long light, with a BRDF given by its full table over
-/// three angles, or else by its table over two.
+/// Renders a sphere or a mesh with a BRDF under a lat-long light. The BRDF is given by its full
+/// table over three angles, or else by its table over two.
 #[pyfunction]
 #[pyo3(signature = (table, full, light, shape, settings, listeners))]
 pub(crate) fn render<'py>(
@@ -102,8 +102,8 @@ pub(crate) fn normal_albedo(table: &Bound<'_, PyArray3<f32>>) -> PyResult<f64> {
     Ok(BivariateTable::luminance(&arrays::tables(table)?).normal_albedo())
 }
 
-/// Returns gloss, GGX alpha (1 without a highlight) and gloss units at 20 and 60 degrees, of shape
-/// (count, 4), for luminance tables of shape (count, 90, 90).
+/// Returns gloss, GGX alpha (1 without a highlight) and gloss units at 20 and 60 degrees. The
+/// luminance tables have the shape (count, 90, 90), the result (count, 4).
 #[pyfunction]
 pub(crate) fn highlights<'py>(
     py: Python<'py>,

@@ -134,7 +134,7 @@ struct GivenShape<'py> {
 }
 
 /// A neutral reference in a photograph: `white`, `grey_card`, or else a chart. The chart is
-/// detected if `corners` is `None`.
+/// detected if `corners` is empty.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 struct GivenReference<'py> {

@@ -1,5 +1,6 @@
-//! Long computations on a separate thread, with progress and Ctrl-C handled on the Python thread
-//! that waits for them.
+//! Long computations on a separate thread.
+//!
+//! The waiting Python thread reports progress and handles Ctrl-C.
 
 use std::mem::take;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};

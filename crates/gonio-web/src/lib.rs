@@ -1,5 +1,4 @@
-//! Runs gonio in a browser: estimates BRDF and light from a photograph of a ball, without a
-//! network.
+//! Estimates BRDF and light from a photograph of a ball in a browser, without a network.
 //!
 //! * [`session`]: stepwise inference from a photograph, with results as JSON and bytes;
 //! * [`preview`]: a photograph for display.

@@ -4,7 +4,7 @@ use glam::Vec3;
 use gonio::picture::{Picture, Plane};
 use gonio::render::Exposure;
 
-/// Reduces the picture to at most `side` pixels on its longer side, exposed so that four fifths of
+/// Reduces the picture to at most `side` pixels on its longer side and exposes it. Four fifths of
 /// the pixels that are not black lie below one half. Returns linear display values.
 pub fn preview(picture: &Picture, side: usize) -> Plane<Vec3> {
     let small = shrunk(&picture.rgb, side);
@@ -13,7 +13,7 @@ pub fn preview(picture: &Picture, side: usize) -> Plane<Vec3> {
     small.map(|v| exposure.apply(*v))
 }
 
-/// Exposes a lat-long light for display: three quarters of its texels lie below one half, so that
+/// Exposes a lat-long light for display. Three quarters of its texels lie below one half, so that
 /// lamps are white.
 pub fn light(radiance: &Plane<Vec3>) -> Plane<Vec3> {
     let exposure = Exposure::by_quantile(radiance, |_| true, 0.75, 0.5);

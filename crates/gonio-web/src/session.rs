@@ -24,7 +24,7 @@ use serde_json::{Value, json};
 
 use crate::preview;
 
-/// Largest number of pixels: decoding and processing them takes a large part of the four gigabytes
+/// Largest number of pixels. Decoding and processing them takes a large part of the four gigabytes
 /// that a page may use.
 const MAX_PIXELS: u64 = 1 << 25;
 /// Rows of the built-in lights of the viewer, as in the report.
@@ -212,8 +212,8 @@ impl Session {
         })
     }
 
-    /// Returns the contents of `result.json` as `gonio infer` writes it, without entries about
-    /// other files.
+    /// Returns the contents of `result.json` as in `gonio infer`, without entries about other
+    /// files.
     fn result(&self, seconds: &str) -> Result<String, String> {
         let (sighting, (material, colouring)) = self.known()?;
         let (light, tint, settings) = self.light.as_ref().ok_or("the light has not been estimated yet")?;

@@ -1,9 +1,9 @@
-//! Replaces relaxed vector instructions in a module, because a browser without them rejects the
-//! whole module.
+//! Replaces relaxed vector instructions in a module.
 //!
-//! The instructions come from code that detects support at run time, and from default features of
-//! indirect dependencies, which cannot be disabled here. A relaxed multiply-add may round once or
-//! twice, so a multiplication followed by an addition is a valid replacement.
+//! A browser without these instructions rejects the whole module. The instructions come from code
+//! that detects support at run time, and from default features of indirect dependencies, which
+//! cannot be disabled here. A relaxed multiply-add may round once or twice, so a multiplication
+//! followed by an addition is a valid replacement.
 
 use anyhow::{Result, bail};
 use walrus::ir::{
@@ -53,8 +53,8 @@ impl VisitorMut for Replacer {
 }
 
 impl Replacer {
-    /// Returns instructions equivalent to a relaxed one, `None` for other instructions, and the
-    /// name of a relaxed instruction without a known equivalent as the error.
+    /// Returns instructions equivalent to a relaxed one, or `None` for other instructions. The
+    /// error is the name of a relaxed instruction without a known equivalent.
     fn replacement(&self, instruction: &Instr) -> Result<Option<Vec<Instr>>, String> {
         match instruction {
             Instr::TernOp(TernOp { op }) => self.ternary(*op).map(Some),

@@ -115,8 +115,7 @@ fn run(command: &mut Command) -> Result<Vec<u8>> {
     Ok(out.stdout)
 }
 
-/// Parses lines of depth, name and version from `cargo tree`; returns each crate with its
-/// dependencies.
+/// Parses depth, name and version from `cargo tree`; returns each crate with its dependencies.
 fn graph(tree: &str) -> Result<BTreeMap<Id, BTreeSet<Id>>> {
     let mut graph: BTreeMap<Id, BTreeSet<Id>> = BTreeMap::new();
     let mut path: Vec<Id> = Vec::new();

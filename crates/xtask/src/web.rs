@@ -1,5 +1,6 @@
-//! Builds the page of `gonio-web`: compiles the module, binds it to JavaScript, and combines
-//! everything in one file.
+//! Builds the page of `gonio-web`.
+//!
+//! This module compiles the crate, binds it to JavaScript, and combines everything in one file.
 
 use std::fs;
 use std::io::Write;
@@ -17,14 +18,13 @@ use wasm_bindgen_cli_support::Bindgen;
 use crate::relaxed;
 
 const TARGET: &str = "wasm32-unknown-unknown";
-/// Compiler flags for SIMD, which all browsers have supported since 2023 and which the inference
-/// needs for speed.
+/// Compiler flags for SIMD. All browsers have supported it since 2023, and the inference needs it
+/// for speed.
 const FEATURES: &str = "-C target-feature=+simd128";
 /// Binary digits of the numbers in the model of the page. With these, the BRDF of the sample
 /// differs from that of the program by less than 0.1 %.
 const DIGITS: u32 = 16;
-/// Placeholders, each once in `index.html`, and the files of the workspace that replace them
-/// unchanged.
+/// Placeholders in `index.html`, each used once, and the files that replace them unchanged.
 const PARTS: [(&str, &[&str]); 2] = [
     ("@@STYLE@@", &["crates/gonio-report/viewer/viewer.css", "crates/gonio-web/page/page.css"]),
     (
@@ -46,7 +46,8 @@ pub(crate) fn make(output: &Path) -> Result<String> {
         .input_path(&module)
         .no_modules(true)?
         .typescript(false)
-        // The option `strip` of the profile would also remove the list of vector instructions.
+        // Names are removed here, because the option `strip` of the profile would also remove the
+        // list of vector instructions.
         .remove_name_section(true)
         .generate_output()
         .with_context(|| format!("{}: cannot be bound to JavaScript", module.display()))?;

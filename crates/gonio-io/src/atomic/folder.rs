@@ -11,9 +11,10 @@ use super::unfinished::{self, Unfinished, own, writing};
 use super::{folder_of, sync_folder, temporary};
 use crate::Error;
 
-/// Output files collected in a hidden folder on the same file system as the target, and moved there
-/// at the end. Dropping it without [`commit`](Self::commit) removes them and every folder that was
-/// created for them.
+/// Output files collected in a hidden folder and moved to the target at the end.
+///
+/// The hidden folder is on the same file system as the target. Dropping the value without
+/// [`commit`](Self::commit) removes the files and every folder that was created for them.
 #[derive(Debug)]
 pub struct StagedFolder {
     target: PathBuf,
@@ -43,8 +44,9 @@ impl StagedFolder {
             Err(e) => return Err(failed(e)),
         };
         let mut parents = MadeFolders::default();
-        // Placed next to a new folder, so that one rename makes it appear, but inside an existing
-        // one, which may be a mount point or a link, and whose parent need not be writable.
+        // The hidden folder is next to a new target, so that one rename makes the target appear,
+        // but inside an existing target, which may be a mount point or a link and whose parent need
+        // not be writable.
         let beside = if exists { target.clone() } else { folder_of(&target) };
         let writing = writing();
         parents.make(&beside).map_err(failed)?;

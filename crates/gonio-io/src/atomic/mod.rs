@@ -19,8 +19,10 @@ use crate::Error;
 /// Prefix of the names of unfinished files and folders.
 const PREFIX: &str = ".gonio-";
 
-/// Writes a file: all of `bytes`, or, on error, nothing. An existing file is replaced, through a
-/// symbolic link if there is one; a device or a pipe is written to in place. The folder must exist.
+/// Writes a file: all of `bytes` or, on error, nothing.
+///
+/// An existing file is replaced, also through a symbolic link; devices and pipes are written in
+/// place. The folder must exist.
 ///
 /// # Errors
 /// If the folder is missing or not writable, the target is a folder or read-only, or the disk is
@@ -67,8 +69,8 @@ fn folder_of(path: &Path) -> PathBuf {
     }
 }
 
-/// Configures temporary files and folders with the permissions that the user's mask gives to
-/// ordinary ones: `mode` before the mask, 0o666 for files and 0o777 for folders.
+/// Configures temporary files and folders with ordinary permissions. `mode` is the mode before the
+/// user's mask applies: 0o666 for files and 0o777 for folders.
 fn temporary(mode: u32) -> tempfile::Builder<'static, 'static> {
     let mut builder = tempfile::Builder::new();
     builder.prefix(PREFIX);

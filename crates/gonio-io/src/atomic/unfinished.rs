@@ -69,7 +69,7 @@ pub(super) fn writing() -> RwLockReadGuard<'static, ()> {
 /// Removes all unfinished output of this process and the folders created for it.
 ///
 /// Waits for files that are being moved into place. Afterwards no output can be written: callers
-/// that try block for ever. For a process that is about to exit.
+/// that try block forever. For a process that is about to exit.
 pub fn abandon() {
     std::mem::forget(GATE.write().unwrap_or_else(PoisonError::into_inner));
     let all = ALL.lock().unwrap_or_else(PoisonError::into_inner).clone();

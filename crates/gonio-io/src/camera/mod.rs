@@ -90,8 +90,7 @@ pub fn decode_camera(path: &Path, bytes: &[u8], size: (usize, usize)) -> Result<
     }
 }
 
-/// Returns the index and the value of the only given key among `ways`; none or several are an
-/// error.
+/// Returns index and value of the only given key among `ways`; none or several are errors.
 fn one_of<T: Copy>(path: &Path, what: &str, ways: &[(&str, Option<T>)]) -> Result<(usize, T), Error> {
     let given: Vec<usize> = (0..ways.len()).filter(|&i| ways[i].1.is_some()).collect();
     let names = || ways.iter().map(|w| w.0).collect::<Vec<_>>().join(", ");

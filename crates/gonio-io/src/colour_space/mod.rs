@@ -1,7 +1,7 @@
 //! Colour spaces of pictures: named spaces and the matrices between them and the working space.
 //!
-//! Every colour inside gonio is linear Rec. 709 with white D65. This module holds the linear
-//! algebra; `picture` reads what a file states about its colours and converts.
+//! Every colour inside gonio is linear Rec. 709 with white D65. This module contains the linear
+//! algebra; `picture` reads the colour space of a file and converts its colours.
 
 mod primaries;
 
@@ -11,8 +11,8 @@ pub use primaries::{D65, Primaries, bradford};
 
 /// A named colour space.
 ///
-/// All numbers in memory are linear, so the name stands for primaries and a white point. The curve
-/// that integer files of the space use is part of reading a picture.
+/// All numbers in memory are linear, so a space consists of primaries and a white point. Reading a
+/// picture applies the curve of integer files of the space.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum ColourSpace {
     /// Rec. ITU-R BT.709 primaries, white D65; the primaries of sRGB. The working space.

@@ -44,7 +44,7 @@ impl Primaries {
     }
 
     /// Returns the matrix from linear RGB to linear Rec. 709, with Bradford adaptation of white to
-    /// D65. XYZ axes are not adapted: such files hold XYZ relative to D65.
+    /// D65. XYZ axes are not adapted, because such files contain XYZ relative to D65.
     ///
     /// `None` as in [`to_xyz`](Self::to_xyz).
     pub fn to_rec709(&self) -> Option<DMat3> {
@@ -58,8 +58,8 @@ impl Primaries {
     }
 }
 
-/// Returns the matrix in XYZ that adapts colours from one white to another by the Bradford
-/// transform (Lam 1985; ICC.1:2022 annex E). Both whites are chromaticities with `y > 0`.
+/// Returns the matrix in XYZ of the Bradford adaptation from one white to another. Source: Lam
+/// 1985; ICC.1:2022 annex E. Both whites are chromaticities with `y > 0`.
 pub fn bradford(from: DVec2, to: DVec2) -> DMat3 {
     let cone = DMat3::from_cols(
         DVec3::new(0.8951, -0.7502, 0.0389),

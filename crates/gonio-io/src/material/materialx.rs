@@ -2,7 +2,7 @@ use gonio::shading::Layered;
 
 use super::{colour, identifier, number};
 
-/// Writes a MaterialX 1.39 document with one `open_pbr_surface`; its `specular_roughness` is the
+/// Writes a MaterialX 1.39 document with one `open_pbr_surface`. Its `specular_roughness` is the
 /// square root of GGX's width.
 pub fn materialx(name: &str, model: &Layered) -> String {
     let id = identifier(name);

@@ -14,7 +14,7 @@ pub enum Place {
     Scene,
 }
 
-/// Start of the tag of a material.
+/// Returns the opening tag of a material.
 fn opening(kind: &str, name: &str, place: Place) -> String {
     let version = match place {
         Place::File => format!(" version=\"{VERSION}\""),
@@ -42,7 +42,7 @@ pub fn mitsuba_principled(name: &str, model: &Principled, place: Place) -> Strin
     )
 }
 
-/// Writes the file of a `measured` material of Mitsuba 3, which loads `tensor` from the same
+/// Writes the file of a `measured` material of Mitsuba 3. The material loads `tensor` from the same
 /// folder. `colours` names the colour space of the tensor, for a comment.
 pub fn mitsuba_measured(name: &str, tensor: &str, colours: &str) -> String {
     format!(
@@ -51,9 +51,11 @@ pub fn mitsuba_measured(name: &str, tensor: &str, colours: &str) -> String {
     )
 }
 
-/// Writes a scene of Mitsuba 3: a sphere, framed like that of `render_sphere`, of the material in
-/// the file `material` under the lat-long map in the file `light`. The scene has the parameters
-/// `material`, `size` and `samples`.
+/// Writes a scene of Mitsuba 3 with a sphere.
+///
+/// The sphere, framed like that of `render_sphere`, has the material in the file `material`; the
+/// light is the lat-long map in the file `light`. The scene has the parameters `material`, `size`
+/// and `samples`.
 pub fn mitsuba_scene(material: &str, light: &str) -> String {
     // The centre of gonio's maps is along -z, that of Mitsuba's along +z.
     format!(

@@ -19,7 +19,7 @@ use glam::DVec3;
 /// Width and height in pixels of the pictures that the scenes render.
 const SIZE: usize = 256;
 
-/// Half the width of such a picture, for a sphere of radius one with a margin of two pixels, as in
+/// Half the width of such a picture for a sphere of radius one. The margin is two pixels, as in
 /// `gonio::render::SphereSettings`.
 const HALF_WIDTH: f64 = 0.5 * SIZE as f64 / (0.5 * SIZE as f64 - 2.0);
 

@@ -29,12 +29,12 @@ pub use write::{encode_obj, encode_ply};
 
 /// Longest file read, 512 MiB.
 const MAX_BYTES: u64 = 1 << 29;
-/// Largest number of triangles, and of vertices, 2^23 (8.4 million); a triangle takes about 200
-/// bytes while a mesh is built.
+/// Largest number of triangles, and of vertices: 2^23 (8.4 million). Building a mesh takes about
+/// 200 bytes per triangle.
 const MAX_TRIANGLES: usize = 1 << 23;
 
-/// Function that reads a file referenced by a mesh, given its name in the mesh and the largest
-/// allowed number of bytes.
+/// Function that reads a file referenced by a mesh. Its arguments are the name in the mesh and the
+/// largest allowed number of bytes.
 type Fetch<'a> = &'a dyn Fn(&str, u64) -> Result<Vec<u8>, Error>;
 
 /// Reads a mesh; [`Soundness`] lists its defects.
@@ -48,8 +48,8 @@ pub fn read_mesh(path: impl AsRef<Path>) -> Result<(Mesh, Soundness), Error> {
     decode_with(path, &bytes, &|name, length| gltf::read_sibling(path, name, length))
 }
 
-/// Reads a mesh, or builds the built-in shape of that name ([`Form::named`]) if there is no such
-/// file.
+/// Reads a mesh, or builds the built-in shape of that name if there is no such file.
+/// [`Form::named`] defines the names.
 ///
 /// # Errors
 /// Like [`read_mesh`].

@@ -40,8 +40,8 @@ impl<'a> Parts<'a> {
         Ok(())
     }
 
-    /// Adds a polygon given by the indices of its corners, with one normal per corner,
-    /// [`DVec3::ZERO`] if it is missing. Polygons with fewer than three corners are ignored.
+    /// Adds a polygon given by the indices and the normals of its corners. A missing normal is
+    /// [`DVec3::ZERO`]. Polygons with fewer than three corners are ignored.
     ///
     /// # Panics
     /// If the numbers of corners and normals differ.

@@ -84,8 +84,7 @@ pub(super) fn decode(path: &Path, bytes: &[u8]) -> Result<(Mesh, Soundness), Err
 /// Names of the property with the corners of a face.
 const FACES: [&str; 2] = ["vertex_indices", "vertex_index"];
 
-/// Checks that the header ends, so that the parser does not search hundreds of megabytes for its
-/// end.
+/// Checks that the header ends, so that the parser does not search the whole file for its end.
 fn check_header(path: &Path, bytes: &[u8]) -> Result<(), Error> {
     let start = &bytes[..bytes.len().min(LONGEST_HEADER)];
     if start.windows(10).any(|w| w == b"end_header") {

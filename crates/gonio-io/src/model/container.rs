@@ -1,5 +1,4 @@
-//! Container of a model: a safetensors file whose metadata identify it and protect it against
-//! damage.
+//! Container of a model: a safetensors file with a version and a checksum in its metadata.
 
 use std::borrow::Cow;
 use std::collections::{BTreeMap, HashMap};
@@ -11,7 +10,7 @@ use serde::Serialize;
 use super::Content;
 use crate::{Error, little_endian};
 
-/// The only version so far.
+/// Version of the format, the only one so far.
 const VERSION: &str = "1";
 /// Metadata entry with the hash of the file.
 const HASH: &str = "blake3";
@@ -176,7 +175,7 @@ impl<'a> Container<'a> {
         Ok((shape, little_endian::f64s(bytes)))
     }
 
-    /// Returns shape and bytes of a tensor; `None` stands for any length of an axis.
+    /// Returns shape and bytes of a tensor; `None` accepts any length of an axis.
     fn tensor(&self, name: &str, dtype: Dtype, shape: &[Option<usize>]) -> Result<(Vec<usize>, &[u8]), Error> {
         let Ok(found) = self.tensors.tensor(name) else {
             return Err(self.wrong(format!("has no tensor \"{name}\"")));

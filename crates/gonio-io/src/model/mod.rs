@@ -114,7 +114,7 @@ pub fn decode_model(path: &Path, bytes: &[u8]) -> Result<Model, Error> {
     Ok(Model { light, reflectance, learnt: posterior, provenance: provenance(&file)? })
 }
 
-/// Decodes a light prior held in memory, and the note of its origin; `path` is only used in error
+/// Decodes a light prior held in memory, and the note of its origin. `path` is only used in error
 /// messages.
 ///
 /// # Errors
@@ -124,7 +124,7 @@ pub fn decode_lighting(path: &Path, bytes: &[u8]) -> Result<(LightPrior, String)
     Ok((lighting(&file)?, provenance(&file)?))
 }
 
-/// Decodes a reflectance basis held in memory, and the note of its origin; `path` is only used in
+/// Decodes a reflectance basis held in memory, and the note of its origin. `path` is only used in
 /// error messages.
 ///
 /// # Errors
@@ -134,7 +134,7 @@ pub fn decode_reflectance(path: &Path, bytes: &[u8]) -> Result<(ReflectanceBasis
     Ok((reflectance(&file)?, provenance(&file)?))
 }
 
-/// Decodes a posterior of materials held in memory, and the note of its origin; `path` is only used
+/// Decodes a posterior of materials held in memory, and the note of its origin. `path` is only used
 /// in error messages.
 ///
 /// # Errors
@@ -154,8 +154,9 @@ pub fn embedded() -> Result<Model, Error> {
 
 const EMBEDDED: &str = "the embedded model";
 
-/// Returns the file of the model built into the program with its 32-bit numbers rounded to `digits`
-/// binary digits (1 to 24), which compresses better.
+/// Returns the file of the embedded model with rounded 32-bit numbers.
+///
+/// Numbers are rounded to `digits` binary digits (1 to 24), which improves compression.
 ///
 /// # Errors
 /// Never in a build that passed its tests.

@@ -199,7 +199,7 @@ fn every_flipped_bit_is_detected() {
     refused(decode(&data), Kind::Damaged, &["checksum", "download or export it again"]);
 }
 
-/// A posterior of two materials whose encoder is untrained.
+/// A model with a posterior of two materials and an untrained encoder.
 static KNOWING: LazyLock<Model> = LazyLock::new(|| {
     let lobe = |w: f64| BivariateTable::from_fn(move |h, _| 0.1 + (-(h / w).powi(2)).exp());
     let basis = LogBasis::fit(&[0.1, 0.5].map(|w| (format!("lobe {w}"), lobe(w))), 3);

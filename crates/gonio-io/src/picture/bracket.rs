@@ -25,16 +25,16 @@ pub struct BracketOptions {
     pub read: ReadOptions,
 }
 
-/// A bracket as read.
+/// A bracket read from files.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Bracket {
-    /// Exposures in the order of the files, turned by their EXIF orientation.
+    /// Exposures in the order of the files, rotated by their EXIF orientation.
     pub exposures: Vec<Exposure>,
-    /// Coverage in 0..=1, where the first file has an alpha channel.
+    /// Coverage in 0..=1, if the first file has an alpha channel.
     pub alpha: Option<Plane<f32>>,
     /// Camera settings of each picture.
     pub shots: Vec<Shot>,
-    /// Whether the codes are linear radiance because they come from a camera's raw files.
+    /// Whether the codes are linear radiance, because the files are camera raw files.
     pub linear: bool,
     /// Colour space of all files.
     pub input: InputSpace,
@@ -43,9 +43,8 @@ pub struct Bracket {
 }
 
 impl Bracket {
-    /// Wraps the merged picture, whose colours are linear in the primaries of the files, for
-    /// [`Decoded::into_working`]. `clip_level` is the radiance at or above which a channel is
-    /// clipped.
+    /// Wraps the merged picture for [`Decoded::into_working`]. Its colours are linear in the
+    /// primaries of the files. `clip_level` is the radiance at or above which a channel is clipped.
     pub fn decoded(&self, picture: Picture, clip_level: f32) -> Decoded {
         let Self { input, conversion, .. } = self;
         let (encoding, full_scale) = (Encoding::LinearFloat, Some(clip_level));
@@ -63,8 +62,8 @@ struct Coded {
     space: (Conversion, InputSpace),
 }
 
-/// Reads 8 or 16-bit JPEG, PNG and TIFF files (with the feature `raw` also a camera's raw files) as
-/// a bracket.
+/// Reads 8- or 16-bit JPEG, PNG and TIFF files as a bracket. With the feature `raw`, also reads
+/// camera raw files.
 ///
 /// The amount of light of each is its exposure time times its ISO sensitivity over the square of
 /// its f-number; if no file states the sensitivity or the f-number, it is assumed to be the same
@@ -72,8 +71,8 @@ struct Coded {
 /// none of these.
 ///
 /// # Errors
-/// If a file cannot be read, is damaged or holds no integers; if files differ in size, depth or
-/// orientation; if exposure times are missing, or sensitivity or f-number in some files only.
+/// If a file cannot be read, is damaged or contains no integers; if files differ in size, depth or
+/// orientation; if exposure times are missing, or if only some files state sensitivity or f-number.
 pub fn read_bracket(paths: &[PathBuf], options: &BracketOptions) -> Result<Bracket, Error> {
     let mut files = Vec::new();
     for path in paths {
@@ -85,7 +84,7 @@ pub fn read_bracket(paths: &[PathBuf], options: &BracketOptions) -> Result<Brack
     assemble(files, options)
 }
 
-/// Decodes a bracket held in memory, like [`read_bracket`]; the paths are only used in error
+/// Decodes a bracket held in memory, like [`read_bracket`]. The paths are only used in error
 /// messages.
 ///
 /// # Errors

@@ -8,8 +8,8 @@ use crate::colour_space::ColourSpace;
 /// Largest difference up to which a curve counts as sRGB or linear; files round their curves.
 const SAME_CURVE: f32 = 1e-3;
 
-/// Exponent by which moxcms converts HLG from scene light to display light (ITU-R BT.2100, table
-/// 5). Photographs need scene light.
+/// Exponent by which moxcms converts HLG from scene light to display light. Source: ITU-R BT.2100,
+/// table 5. Photographs need scene light.
 const HLG_SYSTEM_GAMMA: f32 = 1.2;
 
 /// Curve from codes in 0..=1 to linear values.
@@ -105,8 +105,8 @@ impl Curve {
     }
 }
 
-/// Evaluates a curve on 0..=1, continued by symmetry below 0 and above 1 by the power with its
-/// slope at 1.
+/// Evaluates a curve on 0..=1 and its continuations. These are the odd function below 0 and, above
+/// 1, the power with the slope of the curve at 1.
 fn beyond(code: f32, curve: &dyn Fn(f32) -> f32) -> f32 {
     if code.is_nan() {
         return code;

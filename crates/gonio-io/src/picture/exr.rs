@@ -84,8 +84,8 @@ fn primaries(chromaticities: Chromaticities) -> Primaries {
     Primaries { red: point(red), green: point(green), blue: point(blue), white: point(white) }
 }
 
-/// Returns the luminance weights of red, green and blue for the file's primaries, else for those of
-/// the given space.
+/// Returns the luminance weights of red, green and blue. They are those of the file's primaries,
+/// else of the given space, else of Rec. 709.
 fn luminance_weights(chromaticities: Option<Chromaticities>, given: Option<ColourSpace>) -> Vec3 {
     const REC_709: Vec3 = Vec3::new(0.2126, 0.7152, 0.0722);
     let given = given.filter(|space| *space != ColourSpace::Rec709).map(ColourSpace::primaries);

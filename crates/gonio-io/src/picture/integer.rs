@@ -128,8 +128,8 @@ fn tables(max: u32, value: &dyn Fn(usize, f32) -> f32) -> [Vec<f32>; 3] {
     [0, 1, 2].map(|channel| (0..=max).map(|v| value(channel, v as f32 / max as f32)).collect())
 }
 
-/// Converts samples with one or three colour channels, and an alpha channel if the number of
-/// channels is even.
+/// Converts samples with one or three colour channels. If the number of channels is even, the last
+/// one is alpha.
 fn picture<T: Copy>(
     (width, height): (usize, usize),
     samples: &[T],

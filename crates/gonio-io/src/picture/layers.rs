@@ -18,7 +18,7 @@ pub(crate) struct Selection {
 /// ...
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Group {
-    /// Lower case, without the last component; includes the name of the layer.
+    /// Prefix in lower case, without the last component; includes the name of the layer.
     pub(crate) prefix: String,
     layer: usize,
     /// [`canonical`] names of the last components, with their index in the layer.
@@ -78,8 +78,7 @@ impl Group {
     }
 }
 
-/// Returns the canonical name of a colour that programs name differently, in lower case; other
-/// names unchanged.
+/// Returns the canonical lower-case name of a colour; other names are unchanged.
 fn canonical(name: &str) -> &str {
     match name {
         "red" => "r",

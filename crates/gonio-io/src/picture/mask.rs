@@ -40,8 +40,8 @@ fn decode_mask(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Plane
     unit_range(path, picture)
 }
 
-/// Reads the alpha channel or the only channel of an OpenEXR file without colour; returns `error`
-/// if it has neither.
+/// Reads the alpha channel or the only channel of an OpenEXR file without colour. Returns `error`
+/// if the file has neither.
 fn single_channel(path: &Path, bytes: &[u8], options: &ReadOptions, error: Error) -> Result<Plane<f32>, Error> {
     let (width, height, mut planes) = read_channels(path, bytes, options, |headers| {
         let only = |layer: usize| super::Selection { layer, channels: vec![0] };

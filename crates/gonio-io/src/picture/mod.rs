@@ -10,8 +10,7 @@
 //! * PNG, JPEG (8 and 16 bit) and TIFF (8, 16 bit, 32-bit float RGB): coded by the curve that the
 //!   file states, else by that of sRGB, unless [`ReadOptions::linear`] is set; an EXIF orientation
 //!   is applied; colour is not multiplied by alpha.
-//! * A camera's raw files, with the feature `raw`: linear camera RGB, binned; see the module of
-//!   that name.
+//! * Camera raw files, with the feature `raw`: linear camera RGB, binned; see the module `raw`.
 //!
 //! [`read`] and [`decode`] convert colours to linear Rec. 709 with white D65. The colour space is
 //! the one that the file states (`chromaticities` of OpenEXR, `PRIMARIES` of Radiance, `cICP`, ICC
@@ -67,12 +66,11 @@ pub use write::{
 /// Options for reading a picture.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ReadOptions {
-    /// Whether the samples are linear, independent of the curve that the file states or its format
+    /// Whether the samples are linear. This overrides the curve that the file states or its format
     /// implies. The colour space of the file still applies, except that of a table in an ICC
     /// profile.
     pub linear: bool,
-    /// Largest number of pixels, checked in the header before allocation; each takes about 16
-    /// bytes.
+    /// Largest number of pixels, checked before allocation; each takes about 16 bytes.
     pub max_pixels: u64,
     /// Layer of an OpenEXR file to read, by its name or the last part of it, in any case; `rgb`
     /// means channels without a layer. `None` selects the finished picture. A name is an error for
@@ -126,8 +124,7 @@ pub enum Encoding {
         /// Bits per sample, 8 or 16.
         bits: u8,
     },
-    /// Samples coded by another curve that the file states: that of an ICC profile, of `cICP` or
-    /// `gAMA`.
+    /// Samples coded by another curve, that of an ICC profile, `cICP` or `gAMA`.
     Coded {
         /// Bits per sample: 8, 16, or 32 for floats.
         bits: u8,
@@ -149,7 +146,7 @@ pub struct Decoded {
     pub layer: Option<LayerChoice>,
     /// Colour space of the values in the file.
     pub input: InputSpace,
-    /// Conversion that [`into_working`](Self::into_working) makes.
+    /// Conversion that [`into_working`](Self::into_working) applies.
     conversion: Conversion,
 }
 
@@ -224,7 +221,7 @@ pub fn read(path: impl AsRef<Path>, options: &ReadOptions) -> Result<Decoded, Er
     read_unconverted(path, options)?.into_working(path)
 }
 
-/// Reads like [`read`], but keeps the primaries of the file: for values that are not colours, and
+/// Reads like [`read`], but keeps the primaries of the file. For values that are not colours, and
 /// for corrections before [`Decoded::into_working`].
 ///
 /// # Errors

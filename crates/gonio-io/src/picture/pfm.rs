@@ -1,5 +1,7 @@
-//! Portable float maps: a text header of three tokens, then 32-bit floats, bottom row first; files
-//! of Photoshop have the top row first.
+//! Portable float maps (PFM).
+//!
+//! A text header of four tokens precedes 32-bit floats, bottom row first. In files of Photoshop,
+//! the top row is first.
 
 use std::path::Path;
 
@@ -95,7 +97,7 @@ impl<'a> Iterator for Tokens<'a> {
     fn next(&mut self) -> Option<&'a str> {
         let rest = &self.bytes[self.at..];
         let start = rest.iter().position(|b| !b.is_ascii_whitespace())?;
-        // A word must be followed by white space, else the header is cut short.
+        // White space must follow a word, otherwise the header is truncated.
         let length = rest[start..].iter().position(u8::is_ascii_whitespace)?;
         self.at += start + length;
         std::str::from_utf8(&rest[start..][..length]).ok()

@@ -9,12 +9,11 @@ use super::icc::MAX_PROFILE;
 use crate::Error;
 use crate::colour_space::Primaries;
 
-/// Colour information of a PNG file; the order of precedence is that of the fields (PNG, third
-/// edition, 4.3).
+/// Colour information of a PNG file, in order of precedence (PNG, third edition, 4.3).
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct ColourChunks {
-    /// `cICP`: colour primaries, transfer characteristics and matrix coefficients by ITU-T H.273,
-    /// and whether codes use the full range.
+    /// `cICP`: primaries, transfer characteristics, matrix coefficients and full-range flag. Source
+    /// of the codes: ITU-T H.273.
     pub(super) cicp: Option<[u8; 4]>,
     /// `iCCP`: an ICC profile.
     pub(super) icc: Option<Vec<u8>>,
@@ -62,8 +61,8 @@ fn chunk(bytes: &[u8], at: usize) -> Option<(&[u8; 4], &[u8])> {
     Some((kind, bytes.get(at + 8..end)?))
 }
 
-/// Returns the `N` fixed-point numbers of a chunk, in units of 1e-5, or `None` if it has another
-/// length.
+/// Returns the `N` fixed-point numbers of a chunk, in units of 1e-5. `None` if the chunk has
+/// another length.
 fn numbers<const N: usize>(data: &[u8]) -> Option<[f64; N]> {
     if data.len() != 4 * N {
         return None;

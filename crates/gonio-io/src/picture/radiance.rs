@@ -15,7 +15,7 @@ use super::{Decoded, ReadOptions, float_picture};
 use crate::colour_space::Primaries;
 use crate::{Error, guard};
 
-/// Largest number of pixels per byte: a run of 127 pixels takes 8 bytes, an old-style one of 255
+/// Largest number of pixels per byte. A run of 127 pixels takes 8 bytes, an old-style run of 255
 /// takes 4.
 const PIXELS_PER_BYTE: usize = 64;
 /// Largest value of the format, a little below 2^127.
@@ -56,8 +56,8 @@ pub(super) fn decode(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result
     })
 }
 
-/// Returns the factor by which the values of a file exceed radiance, channel by channel: the
-/// product of its lines `EXPOSURE=` and `COLORCORR=`. `None` if it is not positive.
+/// Returns the factor by which the values of each channel exceed radiance. It is the product of the
+/// lines `EXPOSURE=` and `COLORCORR=`. `None` if it is not positive.
 fn factor_of(metadata: &HdrMetadata) -> Option<Vec3> {
     let exposure = metadata.exposure.unwrap_or(1.0);
     let (r, g, b) = metadata.color_correction.unwrap_or((1.0, 1.0, 1.0));

@@ -1,5 +1,5 @@
-//! Raw files of cameras, by `rawler`: linear camera RGB without white balance, colour matrix or
-//! tone curve.
+//! Camera raw files, by `rawler`. Colours are linear camera RGB without white balance, colour
+//! matrix or tone curve.
 //!
 //! The black level is subtracted and the result divided by the white level, both according to the
 //! file or the table of cameras. The mosaic is binned: every 2 x 2 pixels (3 x 3 for X-Trans)
@@ -22,12 +22,12 @@ use super::space::{Conversion, InputSpace, SpaceSource};
 use super::{Decoded, Encoding, ReadOptions, Shot};
 use crate::{Error, guard};
 
-/// Pixels per byte that no raw file exceeds, however well it is compressed.
+/// Largest number of pixels per byte of a compressed raw file.
 const PIXELS_PER_BYTE: u64 = 64;
 
 /// A developed raw file.
 pub(super) struct Raw {
-    /// Linear colours, 1 at the white level, more where vignetting was corrected.
+    /// Linear colours, 1 at the white level before the vignetting correction.
     rgb: Plane<Vec3>,
     /// Value of clipped channels; all others are below it.
     level: f32,
@@ -191,7 +191,7 @@ fn demosaic(path: &Path, image: &RawImage) -> Result<Plane<Vec3>, Error> {
     Ok(Plane::from_vec(columns, rows, pixels.ok_or_else(unsupported)?))
 }
 
-/// Vignetting correction of a lens: the gain at distance `r` from the centre is `1 + k0 r^2 + k1
+/// Vignetting correction of a lens. The gain at distance `r` from the centre is `1 + k0 r^2 + k1
 /// r^4 + ...`, where the farthest corner is at `r = 1`.
 struct Radial {
     k: [f64; 5],

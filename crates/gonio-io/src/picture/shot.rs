@@ -17,8 +17,7 @@ pub struct Shot {
 }
 
 impl Shot {
-    /// Reads the EXIF data of a JPEG, PNG or TIFF file; settings that are missing or unreadable are
-    /// `None`.
+    /// Reads the EXIF data of a JPEG, PNG or TIFF file. Missing and unreadable settings are `None`.
     pub fn of(bytes: &[u8]) -> Self {
         // A panic of the third-party parser on damaged data must not prevent reading the picture.
         let parse = || {

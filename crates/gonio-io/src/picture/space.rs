@@ -29,8 +29,8 @@ pub enum SpaceSource {
     Cicp,
     /// The chunks `sRGB`, or `cHRM` and `gAMA`, of a PNG file.
     Chunks,
-    /// [`ReadOptions::colour_space`](super::ReadOptions::colour_space), because the file states
-    /// none.
+    /// Specified by the caller in [`ReadOptions::colour_space`](super::ReadOptions::colour_space);
+    /// the file states no space.
     Given,
     /// Assumed, because neither the file nor the caller states a space.
     Assumed,
@@ -100,8 +100,7 @@ impl Stated {
         }
     }
 
-    /// Combines the space that the file states with the space that the caller gave; the file takes
-    /// precedence.
+    /// Combines the space of the file with the space of the caller; the file takes precedence.
     pub(super) fn settle(self, given: Option<ColourSpace>) -> (Conversion, InputSpace) {
         let Self { space, unusable } = self;
         let of_given = || {
@@ -121,8 +120,7 @@ impl Stated {
 }
 
 impl InputSpace {
-    /// Returns the space of a picture without colour, or of a camera, with the
-    /// [`name`](Self::name).
+    /// Returns the space [`name`](Self::name) of a picture without colour or of a camera.
     pub(super) fn unconverted(name: &str, source: SpaceSource) -> Self {
         Self { name: name.to_owned(), source, overridden: None, unusable: None, clamped: 0 }
     }
@@ -136,8 +134,8 @@ impl Decoded {
         Self { picture, encoding: Encoding::LinearFloat, full_scale, layer: None, input, conversion }
     }
 
-    /// Returns whether [`into_working`](Self::into_working) needs the table of an ICC profile;
-    /// until then the picture holds codes instead of linear values.
+    /// Returns whether [`into_working`](Self::into_working) requires the table of an ICC profile.
+    /// In this case, the picture contains codes instead of linear values before the conversion.
     pub fn needs_table(&self) -> bool {
         matches!(self.conversion, Conversion::Table(_))
     }

@@ -26,16 +26,15 @@ use crate::{Error, atomic};
 pub struct ExrOptions<'a> {
     /// Coverage, of the size of the picture; colour must already be multiplied by it.
     pub alpha: Option<&'a Plane<f32>>,
-    /// Radiance at or above which a channel is clipped: the attribute `clipLevel`, positive and
-    /// finite.
+    /// Clip level, positive and finite, stored in the attribute `clipLevel`.
     pub clip_level: Option<f32>,
     /// Space of the colours: the attribute `chromaticities`. Readers assume Rec. 709 for files
     /// without it.
     pub space: Option<ColourSpace>,
 }
 
-/// Encodes OpenEXR with 32-bit float channels `R G B`, and `A` if alpha is given, compressed
-/// losslessly. All float values are preserved, including NaN. Colour must already be multiplied by
+/// Encodes OpenEXR with 32-bit float channels `R G B` and, with alpha, `A`. Compression is
+/// lossless. All float values are preserved, including NaN. Colour must already be multiplied by
 /// alpha.
 ///
 /// # Panics
@@ -44,9 +43,8 @@ pub fn encode_exr(rgb: &Plane<Vec3>, alpha: Option<&Plane<f32>>) -> Vec<u8> {
     encode_exr_with(rgb, &ExrOptions { alpha, ..ExrOptions::default() })
 }
 
-/// Encodes like [`encode_exr`], with the radiance at or above which a channel is clipped as the
-/// attribute `clipLevel`, which [`read`](super::read) returns as
-/// [`Decoded::full_scale`](super::Decoded::full_scale).
+/// Encodes like [`encode_exr`], with the clip level as the attribute `clipLevel`.
+/// [`read`](super::read) returns it as [`Decoded::full_scale`](super::Decoded::full_scale).
 ///
 /// # Panics
 /// Like [`encode_exr`], and if the level is not positive and finite.
@@ -128,8 +126,8 @@ pub fn encode_pfm(rgb: &Plane<Vec3>) -> Vec<u8> {
     pfm::encode(rgb)
 }
 
-/// Encodes Radiance HDR, precise to 1 part in 256 of the largest channel; negative values and NaN
-/// become 0, values beyond the range of the format its largest value.
+/// Encodes Radiance HDR, precise to 1 part in 256 of the largest channel. Negative values and NaN
+/// become 0; values beyond the range of the format become its largest value.
 pub fn encode_hdr(rgb: &Plane<Vec3>) -> Vec<u8> {
     radiance::encode(rgb)
 }

@@ -1,4 +1,4 @@
-//! Writing of materials in the format of the RGL database, which Mitsuba 3 and pbrt-v4 read as
+//! Encodes materials in the format of the RGL database. Mitsuba 3 and pbrt-v4 read them as
 //! `measured`.
 //!
 //! A table over half and difference angle has no measured incident directions, so this module
@@ -18,8 +18,8 @@ use gonio::reflectance::BivariateTable;
 use super::spectra::{self, BASIS};
 use super::tensor::{FLOAT32, MAGIC, UINT8};
 
-/// Samples of the density along the angle: those of a table, the horizon, and one between each
-/// pair.
+/// Samples of the density along the angle. They are those of a table, the horizon, and one between
+/// each pair.
 const FINE: usize = 181;
 /// Samples along each side of the warped square.
 const SIDE: usize = 64;
@@ -28,8 +28,7 @@ const INCIDENT: [f64; 22] = [
     0.0, 5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 35.0, 40.0, 45.0, 50.0, 55.0, 60.0, 64.0, 68.0, 72.0, 75.0, 78.0, 81.0,
     84.0, 87.0, 89.0,
 ];
-/// Smallest density, as a fraction of the largest; avoids a division by zero where the material is
-/// black.
+/// Smallest density, as a fraction of the largest; avoids a division by zero.
 const LEAST_DENSITY: f64 = 1e-9;
 
 /// Colour channels of the values of a file.
@@ -37,8 +36,8 @@ const LEAST_DENSITY: f64 = 1e-9;
 pub enum Channels {
     /// Linear RGB, for Mitsuba's variants of this kind: `NAME_rgb.bsdf`.
     Rgb,
-    /// Fifteen wavelengths from 380 to 730 nm, of a smooth spectrum with the colour under D65, for
-    /// Mitsuba's spectral variants and pbrt-v4: `NAME_spec.bsdf`.
+    /// Fifteen wavelengths from 380 to 730 nm: `NAME_spec.bsdf`. The spectrum is smooth and has the
+    /// colour under D65. For Mitsuba's spectral variants and pbrt-v4.
     Spectral,
 }
 

@@ -1,5 +1,7 @@
-//! Measured isotropic materials of the RGL database (Dupuy and Jakob 2018, *An Adaptive
-//! Parameterization for Efficient Material Acquisition and Rendering*): `NAME_rgb.bsdf`.
+//! Measured isotropic materials of the RGL database: `NAME_rgb.bsdf`.
+//!
+//! Source: Dupuy and Jakob 2018, *An Adaptive Parameterization for Efficient Material Acquisition
+//! and Rendering*.
 //!
 //! A material was measured for a few incident directions. Each has a density of visible microfacet
 //! normals, which distributes the outgoing directions so that the measured samples are dense where
@@ -130,11 +132,13 @@ fn jacobian(tensors: &Tensors<'_>) -> Result<bool, Error> {
 }
 
 impl Rgl {
-    /// Evaluates the BRDF in 1/sr, by channel, for unit vectors towards the light (`wi`) and the
-    /// viewer (`wo`), the normal being `+z`; zero where either is below the surface, and in a
-    /// channel with a negative value (saturated colours lie outside the gamut of red, green and
-    /// blue). Measured values are reciprocal only within the error of the measurement; the light
-    /// takes the role of the incident direction here.
+    /// Evaluates the BRDF in 1/sr, by channel.
+    ///
+    /// `wi` and `wo` are unit vectors towards the light and the viewer; the normal is `+z`. The
+    /// result is zero if either is below the surface, and in channels with a negative value
+    /// (saturated colours lie outside the gamut of red, green and blue). Measured values are
+    /// reciprocal only within the error of the measurement; the light takes the role of the
+    /// incident direction.
     pub fn eval(&self, wi: DVec3, wo: DVec3) -> [f64; 3] {
         // This form of the condition treats NaN as below the surface.
         if !(wi.z > 0.0 && wo.z > 0.0) {

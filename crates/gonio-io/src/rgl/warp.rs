@@ -1,5 +1,5 @@
-//! Functions over the unit square that are bilinear between samples, one for each incident
-//! direction, and the map that transforms such a density to a uniform one.
+//! Functions over the unit square, bilinear between samples, and maps to uniform densities. There
+//! is one function for each incident direction.
 
 use std::path::Path;
 
@@ -28,7 +28,7 @@ impl Directions {
         Ok(Self { phi: wide(phi), theta: wide(theta) })
     }
 
-    /// Returns the slices to interpolate between; beyond the ends of an axis, the last sample
+    /// Returns the slices to interpolate between. Beyond the ends of an axis, the last sample
     /// applies.
     pub(super) fn corners(&self, phi: f64, theta: f64) -> Corners {
         let ((i, s), (j, t)) = (bracket(&self.phi, phi), bracket(&self.theta, theta));
@@ -60,8 +60,8 @@ pub(super) struct Stack {
     values: Vec<f32>,
 }
 
-/// A point between four samples of a slice: indices of the sample with the lowest coordinates, and
-/// fractions of the distance to the others.
+/// A point between four samples of a slice. It consists of the indices of the sample with the
+/// lowest coordinates and the fractions of the distance to the others.
 struct Cell {
     column: usize,
     row: usize,
@@ -145,8 +145,8 @@ impl Warp {
         }
     }
 
-    /// Maps a point of the square by the density interpolated between slices, each normalised to
-    /// integral one.
+    /// Maps a point of the square by the density interpolated between slices. Each slice is
+    /// normalised to integral one.
     pub(super) fn flatten(&self, corners: &Corners, x: f64, y: f64) -> [f64; 2] {
         let Stack { width, height, .. } = self.density;
         let cell = self.density.cell(x, y);

@@ -134,7 +134,7 @@ fn png(colour: [u8; 3], chunks: &[(&[u8; 4], &[u8])]) -> Vec<u8> {
 /// Byte range of the date in the header of a profile.
 const DATE: std::ops::Range<usize> = 24..36;
 
-/// Encodes a profile with a fixed date: the library writes the time of encoding, but the seeds of
+/// Encodes a profile with a fixed date. The library writes the time of encoding, but the seeds of
 /// the fuzzer are compared byte by byte.
 fn encoded(profile: &ColorProfile) -> Vec<u8> {
     let mut bytes = profile.encode().unwrap();
@@ -144,15 +144,15 @@ fn encoded(profile: &ColorProfile) -> Vec<u8> {
     bytes
 }
 
-/// The data of an `iCCP` chunk.
+/// Returns the data of an `iCCP` chunk.
 fn packed(profile: &ColorProfile) -> Vec<u8> {
     let mut zlib = ZlibEncoder::new(b"profile\0\0".to_vec(), Compression::fast());
     zlib.write_all(&encoded(profile)).unwrap();
     zlib.finish().unwrap()
 }
 
-/// Integer files with each kind of colour information, and the number of bytes that may be missing
-/// at the end.
+/// Returns integer files with each kind of colour information. The number is that of the bytes that
+/// may be missing at the end.
 pub(crate) fn tagged() -> Vec<(&'static str, Vec<u8>, usize)> {
     let (p3, colour) = (ColorProfile::new_display_p3(), [200, 100, 50]);
     vec![

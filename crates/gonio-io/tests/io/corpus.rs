@@ -100,8 +100,8 @@ fn damaged_files_are_rejected_from_disk() {
     }
 }
 
-/// Repeats the test with little memory: a reader that allocates the size in a header aborts the
-/// process.
+/// Repeats the test with little memory. A reader that allocates the size in a header would abort
+/// the process.
 #[test]
 #[cfg(target_os = "linux")]
 fn memory_is_allocated_only_for_existing_data() {

@@ -1,5 +1,4 @@
-//! Damaged files: valid files of every format, truncated at many positions and with single bytes
-//! changed.
+//! Damaged files: valid files of every format, truncated and with single bytes changed.
 //!
 //! Reading may succeed or fail, but it must not panic, and truncated files must be rejected.
 
@@ -94,8 +93,8 @@ fn check_picture(name: &str, good: &[u8], slack: usize) {
     check(name, good, slack, |path, bytes| normals::decode(path, bytes, &OPTIONS));
 }
 
-/// Pictures of every format and compression except Radiance, and the number of bytes that may be
-/// missing at the end.
+/// Returns pictures of every format and compression except Radiance. The number is that of the
+/// bytes that may be missing at the end.
 pub(crate) fn pictures() -> Vec<(&'static str, Vec<u8>, usize)> {
     use exr::prelude::Compression as C;
     vec![

@@ -1,5 +1,7 @@
-//! Integration tests of the file formats: damaged files never panic, full disks leave no partial
-//! files, and cache entries load fast.
+//! Integration tests of the file formats.
+//!
+//! Damaged files never cause panics, full disks leave no partial files, and cache entries load
+//! fast.
 
 #![allow(missing_docs)]
 

@@ -1,5 +1,7 @@
-//! Mutations of valid files: huge numbers in headers, replaced words in binary headers, truncation
-//! and flipped bits. The sequence of changes is fixed, so that failures are reproducible.
+//! Mutations of valid files.
+//!
+//! They are extreme numbers in headers, replaced words in binary headers, truncation and flipped
+//! bits. The sequence of changes is fixed, so that failures are reproducible.
 
 use std::path::Path;
 
@@ -79,7 +81,7 @@ pub(crate) fn good() -> Vec<(&'static str, Vec<u8>)> {
     ]
 }
 
-/// Replaces each decimal number in the header by invalid ones, one at a time.
+/// Replaces each decimal number in the header by extreme ones, one at a time.
 fn with_numbers(good: &[u8]) -> Vec<Vec<u8>> {
     const LIES: [&str; 8] =
         ["0", "-1", "255", "65536", "4294967295", "2147483648", "18446744073709551615", "99999999999999999999999"];

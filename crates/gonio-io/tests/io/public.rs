@@ -1,5 +1,6 @@
-//! Files like those in public bug reports, in `tests/corpus/public/`: each must be read with the
-//! correct values.
+//! Files like those in public bug reports, in `tests/corpus/public/`.
+//!
+//! Each must be read with the correct values.
 
 use std::path::{Path, PathBuf};
 

@@ -14,8 +14,8 @@ const HEIGHT: usize = 24;
 const BLACK: u16 = 512;
 const WHITE: u16 = 16383;
 
-/// A field of a directory: tag, type (1 byte, 2 text, 3 short, 4 long, 5 rational, 7 bytes), count,
-/// and the bytes.
+/// A field of a directory: tag, type, count, and the bytes. Types: 1 byte, 2 text, 3 short, 4 long,
+/// 5 rational, 7 bytes.
 type Field = (u16, u16, u32, Vec<u8>);
 
 fn shorts(tag: u16, values: &[u16]) -> Field {
@@ -30,8 +30,8 @@ fn text(tag: u16, value: &str) -> Field {
     (tag, 2, value.len() as u32 + 1, [value.as_bytes(), b"\0"].concat())
 }
 
-/// A little-endian DNG: one directory, an uncompressed RGGB mosaic of 16-bit samples, and the
-/// exposure time.
+/// Encodes a little-endian DNG with one directory and the exposure time. The mosaic is RGGB with
+/// uncompressed 16-bit samples.
 fn dng(sample: impl Fn(usize, usize) -> u16, fraction: u32, radial: Option<f64>, orientation: u16) -> Vec<u8> {
     let mosaic: Vec<u8> = (0..WIDTH * HEIGHT).flat_map(|i| sample(i % WIDTH, i / WIDTH).to_le_bytes()).collect();
     let mut fields: Vec<Field> = vec![

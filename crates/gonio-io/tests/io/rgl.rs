@@ -1,5 +1,7 @@
-//! Materials of the RGL database: analytic materials in its format, damaged files, and, if
-//! `GONIO_DATA` contains them, measured materials.
+//! Materials of the RGL database.
+//!
+//! Analytic materials in its format, damaged files, and, if `GONIO_DATA` contains them, measured
+//! materials.
 
 use std::f64::consts::{FRAC_1_PI, FRAC_PI_2, PI, TAU};
 use std::path::{Path, PathBuf};
@@ -73,8 +75,8 @@ fn theta_i(slice: usize) -> f64 {
     unit(slice, THETAS) * FRAC_PI_2
 }
 
-/// Coefficient `a` of the density `1 + a (2x - 1) (2y - 1)`, which is not separable, but bilinear,
-/// so that samples represent it exactly.
+/// Returns the coefficient `a` of the density `1 + a (2x - 1) (2y - 1)`. The density is not
+/// separable, but bilinear, so that samples represent it exactly.
 fn tilt(slice: usize) -> f64 {
     0.8 * unit(slice, THETAS)
 }

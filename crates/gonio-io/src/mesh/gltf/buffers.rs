@@ -140,8 +140,8 @@ fn embedded(data: &str) -> Option<Vec<u8>> {
     kind.ends_with(";base64").then(|| STANDARD.decode(text).ok()).flatten()
 }
 
-/// Reads a file of at most `most` bytes that the glTF file at `path` refers to as `uri`. The file
-/// must be in the same folder or below.
+/// Reads the file `uri` that the glTF file at `path` references, of at most `most` bytes. It must
+/// be in the same folder or below.
 pub(in crate::mesh) fn read_sibling(path: &Path, uri: &str, most: u64) -> Result<Vec<u8>, Error> {
     let outside = || {
         let problem = format!("refers to {uri:?}, which is outside its folder");
@@ -155,7 +155,7 @@ pub(in crate::mesh) fn read_sibling(path: &Path, uri: &str, most: u64) -> Result
     }
     let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let file = folder.join(relative);
-    // Links may lead out of the folder.
+    // Links may point outside the folder.
     let real = file.canonicalize().map_err(|e| Error::io(&file, "open", e))?;
     if !folder.canonicalize().is_ok_and(|folder| real.starts_with(folder)) {
         return Err(outside());

@@ -28,8 +28,8 @@ fn glb(json: &Value, bin: &[u8]) -> Vec<u8> {
     bytes
 }
 
-/// Returns JSON and bytes of a unit square: its four corners, four normals along z, and the indices
-/// of its two triangles in 8, 16 and 32 bits.
+/// Returns JSON and bytes of a unit square. The bytes are four corners, four normals along z, and
+/// the indices of two triangles in 8, 16 and 32 bits.
 fn square() -> (Value, Vec<u8>) {
     let floats = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0_f32]];
     let mut bin: Vec<u8> = floats.iter().flatten().flat_map(|v| v.to_le_bytes()).collect();
@@ -81,7 +81,7 @@ fn changed(changes: &[(&str, Value)]) -> Vec<u8> {
     glb(&json, &bin)
 }
 
-/// Twice the area of all triangles, as a vector.
+/// Returns twice the area of all triangles, as a vector.
 fn area(mesh: &Mesh) -> DVec3 {
     let place = |i: u32| mesh.positions()[i as usize];
     mesh.triangles().iter().map(|&[a, b, c]| (place(b) - place(a)).cross(place(c) - place(a))).sum()

@@ -82,7 +82,7 @@ mod tests {
 
     #[test]
     fn rejects_inconsistent_sets() {
-        for (names, shape, poison, kind, says) in [
+        for (names, shape, poison, kind, message) in [
             ("a\n", [2, 90, 90, 3], None, Kind::Invalid, "(1, 90, 90, 3)"),
             ("a\nb\n", [2, 90, 89, 3], None, Kind::Invalid, "shape"),
             ("a\nb\n", [2, 90, 90, 3], Some(30_000), Kind::Damaged, "the first in b"),
@@ -90,7 +90,7 @@ mod tests {
             ("\n", [1, 90, 90, 3], None, Kind::Invalid, "no material"),
         ] {
             let error = read_bivariate_set(folder(names, shape, poison).path()).unwrap_err();
-            assert!(error.kind() == kind && error.to_string().contains(says), "{error}");
+            assert!(error.kind() == kind && error.to_string().contains(message), "{error}");
         }
         assert_eq!(read_bivariate_set("/nonexistent").unwrap_err().kind(), Kind::Io);
     }

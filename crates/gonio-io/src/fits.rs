@@ -205,7 +205,7 @@ mod tests {
 
     #[test]
     fn errors_have_the_number_of_the_line() {
-        for (tail, says) in [
+        for (tail, message) in [
             ("NganWard(albedo = [1, 2, 3], roughness = 0.5)", "line 3: expected `)`, found the end of the line"),
             ("NganWard(albedo = [1, 2], roughness = 0.5))", "line 3: expected `,`, found `], roughness = 0.5))`"),
             ("NganWard(albedo = [1, 2, nan], roughness = 0.5))", "expected a number, found `nan`"),
@@ -214,7 +214,7 @@ mod tests {
             ("NganWard(albedo = [1, 2, 3], roughness = 0.5)) x", "unexpected text after the end"),
         ] {
             let error = read(tail).unwrap_err().to_string();
-            assert!(error.contains(says), "{error}");
+            assert!(error.contains(message), "{error}");
         }
         assert!(decode(Path::new("x"), b"# nothing\n").is_err());
         let line = HEAD.lines().last().unwrap().to_owned() + "NganWard(albedo = [1, 2, 3], roughness = 0.5))\n";

@@ -155,10 +155,10 @@ mod tests {
     }
 
     #[track_caller]
-    fn check(bytes: &[u8], says: &str) {
+    fn check(bytes: &[u8], message: &str) {
         let error = read(bytes).unwrap_err();
         assert_eq!(error.kind(), Kind::Damaged);
-        assert!(error.to_string().contains(says), "{error}");
+        assert!(error.to_string().contains(message), "{error}");
         assert!(error.to_string().starts_with("m.binary: "), "{error}");
     }
 

@@ -126,7 +126,7 @@ mod tests {
     fn invalid_tables_are_rejected() {
         let wide = format!("{}\n1\n", "a,".repeat(MAX_COLUMNS + 1));
         let long = format!("a\n{}", "1\n".repeat(MAX_ROWS + 1));
-        for (text, kind, says) in [
+        for (text, kind, message) in [
             ("", Kind::Invalid, "has no rows"),
             ("a,b\n", Kind::Invalid, "has no rows"),
             ("a,b\n1,2,3\n", Kind::Invalid, "row 1 cannot be read"),
@@ -134,7 +134,7 @@ mod tests {
             (&long, Kind::Limits, "more than 1000000 rows"),
         ] {
             let error = decode(text).unwrap_err();
-            assert!(error.kind() == kind && error.to_string().contains(says), "{error}");
+            assert!(error.kind() == kind && error.to_string().contains(message), "{error}");
         }
         assert!(Table::decode(Path::new("t"), b"a\n\xff\n").is_err());
     }

@@ -253,7 +253,7 @@ mod tests {
     #[test]
     fn errors_name_the_key() {
         let perspective = |rest: &str| format!(r#"{{"projection": "perspective", {rest}}}"#);
-        for (json, says) in [
+        for (json, message) in [
             (perspective(r#""focal": 50"#), "unknown field `focal`, expected one of `projection`, `focal_pixels`"),
             (
                 perspective(r#""size": [600, 400]"#),
@@ -293,13 +293,13 @@ mod tests {
             (r#"[1]"#.into(), "camera.json: "),
         ] {
             let error = read(&json).unwrap_err().to_string();
-            assert!(error.contains(says) && error.starts_with("camera.json: "), "{json}: {error}");
+            assert!(error.contains(message) && error.starts_with("camera.json: "), "{json}: {error}");
         }
     }
 
     #[test]
     fn invalid_poses_are_rejected() {
-        for (pose, says) in [
+        for (pose, message) in [
             (r#"{}"#, "does not specify the pose; specify one of camera_to_world, world_to_camera, position"),
             (r#"{"position": [0, 0, 1]}"#, "without \"look_at\""),
             (r#"{"look_at": [0, 0, 1]}"#, "does not specify the pose"),
@@ -327,7 +327,7 @@ mod tests {
         ] {
             let json = format!(r#"{{"projection": "perspective", "focal_pixels": 5, "pose": {pose}}}"#);
             let error = read(&json).unwrap_err().to_string();
-            assert!(error.contains(says), "{pose}: {error}");
+            assert!(error.contains(message), "{pose}: {error}");
         }
     }
 }

@@ -230,7 +230,7 @@ mod tests {
 
     #[test]
     fn errors_name_the_key() {
-        for (json, says) in [
+        for (json, message) in [
             (r#"{"rotation": [1, 2, 3]}"#, "unknown field `rotation`, expected one of `matrix`"),
             (
                 r#"{"matrix": [[1,0,0,0],[0,1,0,0],[0,0,1,0]], "scale": 2}"#,
@@ -245,7 +245,7 @@ mod tests {
             (r#"{"matrix": []}"#, "0 rows"),
         ] {
             let error = read(json).unwrap_err().to_string();
-            assert!(error.contains(says), "{json}: {error}");
+            assert!(error.contains(message), "{json}: {error}");
         }
     }
 }

@@ -143,14 +143,14 @@ mod tests {
         ] {
             assert_eq!(of("x.stl", bytes).unwrap(), format);
         }
-        for (name, kind, says) in [
+        for (name, kind, message) in [
             ("a.obj", Kind::Damaged, "does not have the header of a .obj file"),
             ("a.stl", Kind::Unsupported, "is a .stl file"),
             ("a", Kind::Unsupported, "OBJ, PLY or glTF"),
         ] {
             let error = of(name, b"solid thing").unwrap_err();
             assert_eq!(error.kind(), kind);
-            assert!(error.to_string().contains(says), "{error}");
+            assert!(error.to_string().contains(message), "{error}");
         }
     }
 

@@ -191,7 +191,7 @@ mod tests {
 
     #[test]
     fn errors_name_the_line() {
-        for (text, says) in [
+        for (text, message) in [
             ("f 1 2 5", "line 5 is not a valid face"),
             ("f 0 1 2", "line 5"),
             ("f 1 2 -5", "line 5"),
@@ -205,7 +205,7 @@ mod tests {
         ] {
             let error = read(&format!("{SQUARE}{text}\nf 1 2 3")).unwrap_err();
             assert_eq!(error.kind(), Kind::Damaged);
-            assert!(error.to_string().contains(says), "{error}");
+            assert!(error.to_string().contains(message), "{error}");
         }
         let error = read(SQUARE).unwrap_err();
         assert_eq!(

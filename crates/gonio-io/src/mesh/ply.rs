@@ -288,7 +288,7 @@ mod tests {
     fn inconsistent_headers_are_rejected_before_allocation() {
         let good = String::from_utf8_lossy(&binary(false)[..300]).into_owned();
         let header = &good[..good.find("end_header").unwrap() + 11];
-        for (from, to, kind, says) in [
+        for (from, to, kind, message) in [
             ("vertex 4", "vertex 99999999999999", Kind::Limits, "more than"),
             ("vertex 4", "vertex 8000000", Kind::Damaged, "declares elements"),
             ("face 1", "face 18446744073709551615", Kind::Limits, "more than"),
@@ -304,7 +304,7 @@ mod tests {
             bytes.extend(&binary(false)[header.len()..]);
             let error = read(&bytes).unwrap_err();
             assert_eq!(error.kind(), kind, "{error}");
-            assert!(error.to_string().contains(says), "{error}");
+            assert!(error.to_string().contains(message), "{error}");
         }
         let long =
             format!("ply\nformat ascii 1.0\nelement vertex 1\nproperty int x\nend_header\n{}", "1 ".repeat(600_000));

@@ -47,12 +47,12 @@ fn decode(bytes: &[u8]) -> Result<Model, Error> {
     decode_model(Path::new("a.gonio"), bytes)
 }
 
-/// Checks that the error is one line that names the file and contains all of `says`.
-fn refused<T: std::fmt::Debug>(got: Result<T, Error>, kind: Kind, says: &[&str]) {
+/// Checks that the error is one line that names the file and contains all of `messages`.
+fn refused<T: std::fmt::Debug>(got: Result<T, Error>, kind: Kind, messages: &[&str]) {
     let error = got.unwrap_err();
     let text = error.to_string();
     assert!(error.kind() == kind && text.starts_with("a.gonio: ") && text.lines().count() == 1, "{text}");
-    assert!(says.iter().all(|s| text.contains(s)), "{text}");
+    assert!(messages.iter().all(|s| text.contains(s)), "{text}");
 }
 
 /// A file with a replaced header, unchanged tensors, and a matching checksum.
@@ -140,15 +140,16 @@ fn other_files_versions_and_kinds_are_rejected() {
 
 #[test]
 fn missing_and_misshapen_parts_are_named() {
-    let says = |old: &str, new: &str, says: &[&str]| refused(decode(&forged(&SMALL, old, new)), Kind::Invalid, says);
-    says("\"rates\":{", "\"ratios\":{", &["no tensor \"rates\"", "`gonio train model`"]);
-    says("\"provenance\":", "\"provenience\":", &["no metadata \"provenance\""]);
-    says("\"light\":", "\"shade\":", &["no metadata \"light\""]);
-    says("\"light\":\"{", "\"light\":\"[", &["invalid metadata \"light\""]);
-    says("[1,90,90]", "[90,90,1]", &["F32 of shape [90, 90, 1] instead of F32 of shape [any, 90, 90]"]);
-    says("\"shape\":[2,1]", "\"shape\":[1,2]", &["\"coefficients\"", "instead of F64 of shape [2, 1]"]);
-    says("\\\"scales\\\":5", "\\\"scales\\\":4", &["17 groups, but 4 scales require 16"]);
-    says("\\\"lights\\\":72", "\\\"lights\\\":-7", &["invalid metadata \"light\""]);
+    let check =
+        |old: &str, new: &str, messages: &[&str]| refused(decode(&forged(&SMALL, old, new)), Kind::Invalid, messages);
+    check("\"rates\":{", "\"ratios\":{", &["no tensor \"rates\"", "`gonio train model`"]);
+    check("\"provenance\":", "\"provenience\":", &["no metadata \"provenance\""]);
+    check("\"light\":", "\"shade\":", &["no metadata \"light\""]);
+    check("\"light\":\"{", "\"light\":\"[", &["invalid metadata \"light\""]);
+    check("[1,90,90]", "[90,90,1]", &["F32 of shape [90, 90, 1] instead of F32 of shape [any, 90, 90]"]);
+    check("\"shape\":[2,1]", "\"shape\":[1,2]", &["\"coefficients\"", "instead of F64 of shape [2, 1]"]);
+    check("\\\"scales\\\":5", "\\\"scales\\\":4", &["17 groups, but 4 scales require 16"]);
+    check("\\\"lights\\\":72", "\\\"lights\\\":-7", &["invalid metadata \"light\""]);
 }
 
 #[test]
@@ -258,22 +259,22 @@ fn posteriors_round_trip() {
 #[test]
 fn inconsistent_encoders_are_rejected() {
     let bytes = encode_model(&KNOWING);
-    for (old, new, says) in [
+    for (old, new, message) in [
         ("encoder.outputs.bias", "encoder.outputs.bies", "outputs.bias"),
         (r#"\"side\":128"#, r#"\"side\":120"#, "encoder"),
         (r#"\"hidden\":[3]"#, r#"\"hidden\":[4]"#, "hidden1.weight"),
     ] {
-        refused(decode(&forged(&bytes, old, new)), Kind::Invalid, &[says]);
+        refused(decode(&forged(&bytes, old, new)), Kind::Invalid, &[message]);
     }
 }
 
 #[test]
 fn inconsistent_posteriors_are_rejected() {
-    let spoilt = |spoil: fn(&mut LearntPosterior), says: &str| {
+    let spoilt = |spoil: fn(&mut LearntPosterior), message: &str| {
         let mut model = KNOWING.clone();
         spoil(model.learnt.as_mut().unwrap());
-        assert!(model.check().is_err(), "{says}");
-        refused(decode(&encode_model(&model)), Kind::Invalid, &[says]);
+        assert!(model.check().is_err(), "{message}");
+        refused(decode(&encode_model(&model)), Kind::Invalid, &[message]);
     };
     spoilt(|p| p.coordinates.mean[5] = f32::NAN, "a table has values that are not finite");
     spoilt(|p| p.widths[7] = f32::INFINITY, "a table has values that are not finite");
@@ -314,10 +315,10 @@ fn the_listed_sources_match_the_model() {
     let text = include_str!("../../model/PROVENANCE.md");
     for (heading, whose) in [("Poly Haven", "Poly Haven"), ("sIBL Archive", "sIBL"), ("Others", "others")] {
         let line = lines().find(|line| line.contains(whose)).unwrap();
-        let says = text.lines().find(|l| l.starts_with(&format!("**{heading}"))).unwrap();
-        assert!(says.contains(&format!(": {} maps", number(line))), "{line} is not {says}");
+        let section = text.lines().find(|l| l.starts_with(&format!("**{heading}"))).unwrap();
+        assert!(section.contains(&format!(": {} maps", number(line))), "{line} is not {section}");
         for terms in ["CC0", "CC BY-NC-SA 3.0 US"] {
-            assert_eq!(line.contains(terms), says.contains(terms), "{line} is not {says}");
+            assert_eq!(line.contains(terms), section.contains(terms), "{line} is not {section}");
         }
     }
 }

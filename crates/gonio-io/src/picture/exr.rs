@@ -261,10 +261,10 @@ mod tests {
 
     #[test]
     fn errors_list_the_channels_of_files_without_colour() {
-        for (names, says) in [(&["Z", "W"][..], "W, Z"), (&["P.X", "P.Y", "P.Z"], "P.Y")] {
+        for (names, message) in [(&["Z", "W"][..], "W, Z"), (&["P.X", "P.Y", "P.Z"], "P.Y")] {
             let error = super::decode(Path::new("t.exr"), &any(names), &ReadOptions::default()).unwrap_err();
             assert_eq!(error.kind(), crate::Kind::Unsupported);
-            assert!(error.to_string().contains(says), "{error}");
+            assert!(error.to_string().contains(message), "{error}");
         }
     }
 

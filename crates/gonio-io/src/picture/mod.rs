@@ -294,10 +294,10 @@ mod tests {
     use crate::Kind;
 
     #[track_caller]
-    fn check(name: &str, bytes: &[u8], kind: Kind, says: &str) {
+    fn check(name: &str, bytes: &[u8], kind: Kind, message: &str) {
         let error = decode(Path::new(name), bytes, &ReadOptions::default()).unwrap_err();
         assert_eq!(error.kind(), kind, "{error}");
-        assert!(error.to_string().contains(says), "{error}");
+        assert!(error.to_string().contains(message), "{error}");
         assert!(error.to_string().starts_with(name), "{error}");
     }
 

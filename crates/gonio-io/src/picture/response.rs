@@ -103,7 +103,7 @@ mod tests {
 
     #[test]
     fn errors_of_invalid_responses_name_the_line() {
-        for (text, says) in [
+        for (text, message) in [
             ("", "does not have the same number of codes as the others"),
             ("0,1\n1,0", "falls"),
             ("0,1\n1,1", "is flat"),
@@ -114,7 +114,7 @@ mod tests {
             ("hello\n", "line 1"),
         ] {
             let error = read(text).unwrap_err();
-            assert!(error.starts_with("r.csv: ") && error.contains(says), "{text:?}: {error}");
+            assert!(error.starts_with("r.csv: ") && error.contains(message), "{text:?}: {error}");
         }
         assert!(decode_response(Path::new("r"), &[0xff, 0xfe, 0]).is_err());
     }

@@ -203,7 +203,7 @@ fn damage_is_described() {
     let short = Field("ndf", 10, vec![2, 256], vec![0; 2044]);
     let mut twice = fields.clone();
     twice.push(fields[1].clone());
-    for (bytes, kind, says) in [
+    for (bytes, kind, message) in [
         (b"tensor_fill\0".to_vec(), Kind::Damaged, "does not have the header of"),
         (good[..400].to_vec(), Kind::Damaged, "is truncated"),
         (good[..30].to_vec(), Kind::Damaged, "is truncated in its header"),
@@ -229,7 +229,7 @@ fn damage_is_described() {
         (one("rgb", &[1, THETAS, 4, 4, 4], 0.0), Kind::Damaged, "do not match"),
     ] {
         let error = decode(&bytes).unwrap_err();
-        assert!(error.to_string().contains(says), "{error} does not say {says}");
+        assert!(error.to_string().contains(message), "{error} does not contain {message}");
         assert_eq!(error.kind(), kind, "{error}");
     }
     // Functions that are zero in places are valid; the BRDF is zero there.

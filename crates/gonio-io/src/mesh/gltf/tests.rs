@@ -197,9 +197,9 @@ fn unreadable_files_are_rejected_with_the_reason() {
         (vec![("/nodes/0/skin", json!(0)), ("/skins", json!([{"joints": [0]}]))], Kind::Unsupported, "armature"),
         (vec![("/scenes", json!([])), ("/scene", Value::Null)], Kind::Invalid, "no scene"),
     ];
-    for (changes, kind, says) in cases {
+    for (changes, kind, message) in cases {
         let error = read(&changed(&changes)).unwrap_err();
-        assert!(error.kind() == kind && error.to_string().contains(says), "{changes:?}: {error}");
+        assert!(error.kind() == kind && error.to_string().contains(message), "{changes:?}: {error}");
     }
     assert!(read(&changed(&[required("KHR_materials_unlit")])).is_ok());
 }

@@ -256,7 +256,7 @@ mod tests {
                 });
             }
         });
-        assert_eq!(fs::read_dir(cache.dir()).unwrap().count(), 1, "nothing unfinished is left");
+        assert_eq!(fs::read_dir(cache.dir()).unwrap().count(), 1, "no unfinished files are left");
     }
 
     #[test]
@@ -271,7 +271,7 @@ mod tests {
         cache.store("b", &content(1000)).unwrap();
         age("a", 200);
         age("b", 100);
-        assert!(cache.load("a").is_some(), "used: the youngest now");
+        assert!(cache.load("a").is_some(), "loading marks the entry as recently used");
         cache.store("c", &content(1000)).unwrap();
         assert!(cache.load("b").is_none());
         assert!(cache.load("a").is_some() && cache.load("c").is_some());
@@ -279,7 +279,7 @@ mod tests {
     }
 
     #[test]
-    fn stale_unfinished_files_are_swept() {
+    fn stale_unfinished_files_are_removed() {
         let (_dir, cache) = cache();
         cache.store("a", b"x").unwrap();
         let (old, new) = (cache.dir().join(".gonio-old"), cache.dir().join(".gonio-new"));

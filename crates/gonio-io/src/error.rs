@@ -150,7 +150,7 @@ mod tests {
     }
 
     #[test]
-    fn long_texts_are_cut() {
+    fn long_texts_are_truncated() {
         let error = Error::invalid(Path::new("x"), "é".repeat(5000), "try again");
         assert_eq!(error.to_string(), format!("x: {} ...; try again", "é".repeat(LONGEST_PROBLEM)));
     }

@@ -204,7 +204,7 @@ mod tests {
     }
 
     #[test]
-    fn errors_have_the_number_of_the_line() {
+    fn errors_name_the_line() {
         for (tail, message) in [
             ("NganWard(albedo = [1, 2, 3], roughness = 0.5)", "line 3: expected `)`, found the end of the line"),
             ("NganWard(albedo = [1, 2], roughness = 0.5))", "line 3: expected `,`, found `], roughness = 0.5))`"),

@@ -68,7 +68,7 @@ mod tests {
     use crate::Kind;
 
     #[test]
-    fn empty_and_long_streams_are_refused() {
+    fn empty_and_long_streams_are_rejected() {
         let read = |bytes: &[u8]| read_stream(Path::new("stream"), bytes, 5);
         assert_eq!(read(b"12345").unwrap(), b"12345");
         assert_eq!(read(b"123456").unwrap_err().kind(), Kind::Limits);
@@ -76,7 +76,7 @@ mod tests {
     }
 
     #[test]
-    fn folders_empty_and_long_files_are_refused() {
+    fn folders_and_empty_or_long_files_are_rejected() {
         let dir = tempfile::tempdir().unwrap();
         let file = dir.path().join("f");
         std::fs::write(&file, b"12345").unwrap();

@@ -169,7 +169,7 @@ mod tests {
     }
 
     #[test]
-    fn arrays_of_numpy_are_rows_from_the_top() {
+    fn npy_rows_start_at_the_top() {
         let array = npy::Array { shape: vec![2, 1, 3], values: vec![0., 0., 1., 1., f32::NAN, 0.] };
         let got = read(&npy::encode(&array)).unwrap();
         assert_eq!((got.size(), got.as_slice()), ((1, 2), &[Vec3::Z, Vec3::ZERO][..]));
@@ -178,7 +178,7 @@ mod tests {
     }
 
     #[test]
-    fn floats_in_code_and_means_of_normals_become_unit_vectors() {
+    fn encoded_floats_and_averaged_normals_become_unit_vectors() {
         let sphere = |n: fn(Vec3) -> Vec3| -> Vec<Vec3> {
             let pixel = |i: i32| {
                 let (x, y) = ((i % 9 - 4) as f32 / 5.0, (i / 9 - 4) as f32 / 5.0);
@@ -192,7 +192,7 @@ mod tests {
         let same = |other: Vec<Vec3>| plain.iter().zip(&other).all(|(a, b)| (*a - *b).length() < 1e-5);
         assert!(same(sphere(|n| 0.5 * n + 0.5)));
         assert!(same(sphere(|n| 0.8 * n)));
-        assert!(!same(sphere(|n| 0.3 * n)), "lengths far from one are left to the caller");
+        assert!(!same(sphere(|n| 0.3 * n)), "lengths far from one are not changed");
     }
 
     #[test]
@@ -208,7 +208,7 @@ mod tests {
         for nothing in [[0, 0, 0, 255], [128, 128, 128, 255], [127, 128, 127, 255], [218, 128, 218, 0]] {
             assert_eq!(png(nothing), Vec3::ZERO, "{nothing:?}");
         }
-        assert!(png([255, 255, 255, 255]).length() > 1.7, "a length far from one is left to the caller");
+        assert!(png([255, 255, 255, 255]).length() > 1.7, "a length far from one is not changed");
     }
 
     #[test]

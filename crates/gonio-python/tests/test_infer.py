@@ -36,7 +36,7 @@ def test_the_sample_is_a_glossy_ball(found):
     assert "gonio.Posterior 'ball'" in repr(found)
 
 
-@pytest.mark.skipif("GONIO_CLI" not in os.environ, reason="GONIO_CLI names no program")
+@pytest.mark.skipif("GONIO_CLI" not in os.environ, reason="GONIO_CLI is not set")
 def test_the_program_gives_the_same_result(found, ball, tmp_path):
     subprocess.run([os.environ["GONIO_CLI"], "infer", ball, "-o", tmp_path / "cli"], check=True, stdout=subprocess.DEVNULL)
     found.save(tmp_path / "python")

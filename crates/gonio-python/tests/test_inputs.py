@@ -54,7 +54,7 @@ def same(found: gonio.Posterior, want: gonio.Posterior) -> bool:
     return np.array_equal(found.brdf.table, want.brdf.table)
 
 
-def test_tensors(small, want):
+def test_accepts_tensors(small, want):
     first = Tensor(np.ascontiguousarray(np.moveaxis(small, -1, 0)))
     assert same(gonio.infer(first, **QUICK), want)
     assert same(gonio.infer(Tensor(small), **QUICK), want)
@@ -64,7 +64,7 @@ def test_tensors(small, want):
         gonio.infer(OnGpu())
 
 
-def test_xarray(small, want):
+def test_accepts_xarray_arrays(small, want):
     xarray = pytest.importorskip("xarray")
     named = xarray.DataArray(small, dims=("y", "x", "channel"))
     assert same(gonio.infer(named, **QUICK), want)
@@ -73,7 +73,7 @@ def test_xarray(small, want):
     assert gonio.render(np.full((90, 90), 0.2), light, size=16).shape == (16, 16, 4)
 
 
-def test_pil_images(small):
+def test_accepts_pil_images(small):
     coded = gonio.tonemapped(small[..., :3])
     mask = Image.fromarray(small[..., 3] > 0.5)
     want = gonio.infer(coded, mask=small[..., 3] > 0.5, linear=True, **QUICK)
@@ -89,7 +89,7 @@ def test_pil_images(small):
     assert list(gonio.infer_regions(small[..., :3], labels, **QUICK)) == ["1"]
 
 
-def test_bytes_and_open_files(ball, found):
+def test_accepts_bytes_and_open_files(ball, found):
     data = ball.read_bytes()
     assert same(gonio.infer(data, pictures=False), found)
     assert same(gonio.infer(io.BytesIO(data), pictures=False), found)
@@ -171,7 +171,7 @@ ACES_CG = np.array(
 )
 
 
-def test_colour_spaces_of_arrays_and_files(small, want, tmp_path):
+def test_colour_spaces_of_arrays_and_files_are_converted(small, want, tmp_path):
     aces = small.copy()
     aces[..., :3] = small[..., :3] @ np.linalg.inv(ACES_CG).T
     found = gonio.infer(aces, colorspace="acescg", output_colorspace="acescg", **QUICK)

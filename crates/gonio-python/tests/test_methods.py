@@ -53,7 +53,7 @@ def test_the_setup_of_the_paper_and_a_known_light(small):
     assert known.method == "known-light-basis" and known.light.shape == light.shape
 
 
-@pytest.mark.skipif("GONIO_CLI" not in os.environ, reason="GONIO_CLI names no program")
+@pytest.mark.skipif("GONIO_CLI" not in os.environ, reason="GONIO_CLI is not set")
 def test_the_program_gives_the_same_coefficients(small, tmp_path):
     gonio.write_image(tmp_path / "ball.exr", small)
     command = [os.environ["GONIO_CLI"], "infer", "ball.exr", "-o", "out", "--no-report", *"--method map --starts 2 --seed 7 --grid 8".split()]
@@ -75,7 +75,7 @@ ELSEWHERE = {
 GENERAL = {"json", "quiet", "verbose", "threads", "help"}
 
 
-@pytest.mark.skipif("GONIO_CLI" not in os.environ, reason="GONIO_CLI names no program")
+@pytest.mark.skipif("GONIO_CLI" not in os.environ, reason="GONIO_CLI is not set")
 @pytest.mark.parametrize("command", ELSEWHERE)
 def test_every_option_of_the_program_is_an_argument(command):
     text = subprocess.run([os.environ["GONIO_CLI"], command, "--help"], capture_output=True, text=True, check=True).stdout

@@ -109,7 +109,7 @@ def test_colours_do_not_change_the_luminance_of_samples(found):
     assert found.colors.shape == (2, 3) and np.allclose(found.colors @ [0.2126, 0.7152, 0.0722], 1, rtol=1e-3)
 
 
-def test_gloss_of_any_brdf(found):
+def test_gloss_of_a_brdf_agrees_with_its_posterior(found):
     """Checks that the gloss of a BRDF agrees with its posterior and scales correctly."""
     brdf = found.brdf
     assert found.gloss[0] / 2 < brdf.gloss < 2 * found.gloss[2]

@@ -45,7 +45,7 @@ async function open(browser, view, address = url) {
   page.on("pageerror", (error) => fault(`error: ${error.message}`));
   context.on("request", (request) => {
     const asked = request.url();
-    if (asked !== address && !/^(data|blob):/.test(asked)) fault(`asks for ${asked.slice(0, 100)}`);
+    if (asked !== address && !/^(data|blob):/.test(asked)) fault(`requests ${asked.slice(0, 100)}`);
   });
   await page.goto(address, { waitUntil: "load" });
   return page;
@@ -98,7 +98,7 @@ async function layout(page, name) {
     }).length,
   }));
   check(found.over <= 0, `${name}: ${found.over} pixels too wide`);
-  check(found.wordless === 0, `${name}: ${found.wordless} pictures without words or broken`);
+  check(found.wordless === 0, `${name}: ${found.wordless} images that are broken or have no alternative text`);
   check(found.nameless === 0, `${name}: ${found.nameless} controls without a name`);
   await page.evaluate(axe);
   const { violations } = await page.evaluate(() => axe.run(document, { runOnly: ["wcag2a", "wcag2aa", "wcag21aa", "best-practice"] }));
@@ -133,8 +133,8 @@ try {
     console.log(`largest relative difference from the program over the trusted cells: ${most.toExponential(1)}`);
     check(most <= TOLERANCE, `brdf.binary differs from ${native} by ${most}`);
   }
-  check((await keep(page, "brdf_rgb.bsdf")).subarray(0, 12).toString() === "tensor_file\0", "brdf_rgb.bsdf is no tensor file");
-  check((await keep(page, "light.exr")).readUInt32LE(0) === 20000630, "light.exr is no OpenEXR file");
+  check((await keep(page, "brdf_rgb.bsdf")).subarray(0, 12).toString() === "tensor_file\0", "brdf_rgb.bsdf is not a tensor file");
+  check((await keep(page, "light.exr")).readUInt32LE(0) === 20000630, "light.exr is not an OpenEXR file");
   const result = JSON.parse(await keep(page, "result.json"));
   // Dragging the outline restarts the inference, and the displayed command contains the new outline.
   const command = () => page.textContent("#photograph code");
@@ -150,7 +150,7 @@ try {
   await page.waitForFunction((told) => document.querySelector("#photograph code").textContent !== told, told);
   await page.waitForFunction(isFinished);
   const moved = [told, await command()].map((text) => Number(text.match(/--circle ([\d.]+)/)[1]));
-  check(moved[1] > moved[0], `dragged to the right the circle goes from ${moved[0]} to ${moved[1]}`);
+  check(moved[1] > moved[0], `dragging to the right moved the circle from ${moved[0]} to ${moved[1]}`);
   check(result.format === "gonio-result" && result.settings.grid === 32 && result.seconds.material > 0, "result.json is incomplete");
   await page.context().close();
 
@@ -162,7 +162,7 @@ try {
   await drop(phone, "broken.exr", bytes.subarray(0, 5000));
   await phone.waitForSelector("#trouble:not([hidden])");
   const broken = await phone.textContent("#trouble p");
-  check(/^broken\.exr: .{10}/.test(broken), `a broken file is met with: ${broken}`);
+  check(/^broken\.exr: .{10}/.test(broken), `unexpected message for a damaged file: ${broken}`);
   await layout(phone, "trouble");
   await drop(phone, "notes.txt", Buffer.from("not a picture"));
   await phone.waitForFunction(() => document.querySelector("#trouble").textContent.includes("notes.txt"));

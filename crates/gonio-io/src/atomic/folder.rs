@@ -338,7 +338,7 @@ mod tests {
         let mut staged = StagedFolder::create(&out).unwrap();
         staged.discard(names.map(PathBuf::from));
         drop(staged);
-        assert_eq!(tree(&out).len(), 9, "dropped before the end: {:?}", tree(&out));
+        assert_eq!(tree(&out).len(), 9, "dropped before the commit: {:?}", tree(&out));
         let mut staged = StagedFolder::create(&out).unwrap();
         staged.discard(names.map(PathBuf::from));
         fs::write(staged.path("x"), "new").unwrap();

@@ -139,7 +139,7 @@ fn other_files_versions_and_kinds_are_rejected() {
 }
 
 #[test]
-fn missing_and_misshapen_parts_are_named() {
+fn errors_name_missing_and_misshapen_parts() {
     let check =
         |old: &str, new: &str, messages: &[&str]| refused(decode(&forged(&SMALL, old, new)), Kind::Invalid, messages);
     check("\"rates\":{", "\"ratios\":{", &["no tensor \"rates\"", "`gonio train model`"]);
@@ -153,7 +153,7 @@ fn missing_and_misshapen_parts_are_named() {
 }
 
 #[test]
-fn inconsistent_models_are_refused() {
+fn inconsistent_models_are_rejected() {
     let mut model = toy(2, 3);
     model.reflectance.functions[1].as_mut_slice()[7] = f32::NAN;
     refused(decode(&encode_model(&model)), Kind::Invalid, &["contains an invalid model", "basis function 1 is NaN"]);

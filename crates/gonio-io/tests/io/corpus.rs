@@ -96,7 +96,7 @@ fn damaged_files_are_rejected_from_disk() {
             "odd" => continue,
             other => panic!("{name}: no reader for {other}"),
         };
-        check_error(&result.unwrap_or_else(|| panic!("{name} is read")), &file);
+        check_error(&result.unwrap_or_else(|| panic!("{name} is accepted")), &file);
     }
 }
 

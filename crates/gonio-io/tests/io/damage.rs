@@ -67,12 +67,16 @@ pub(crate) fn check<T>(name: &str, good: &[u8], slack: usize, read: impl Fn(&Pat
         assert!(text.starts_with(&format!("{name}: ")) && !text.contains('\n'), "{what}: {text}");
     };
     if let Err(error) = read(path, good) {
-        panic!("the good file is refused: {error}");
+        panic!("the valid file is rejected: {error}");
     }
     let step = (good.len() / 500).max(1);
     for cut in (0..good.len()).step_by(step).chain(good.len().saturating_sub(8)..good.len()) {
         match read(path, &good[..cut]) {
-            Ok(_) => assert!(good.len() - cut <= slack, "{name} is read when cut from {} to {cut}", good.len()),
+            Ok(_) => assert!(
+                good.len() - cut <= slack,
+                "{name} is accepted when truncated from {} to {cut} bytes",
+                good.len()
+            ),
             Err(error) => sound(&error, &format!("cut to {cut}")),
         }
     }

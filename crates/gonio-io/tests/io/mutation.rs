@@ -148,7 +148,7 @@ fn readers_survive_mutated_files() {
 #[test]
 fn valid_files_are_read() {
     for (name, good) in good() {
-        assert!(read_with_all(Path::new(name), &good).len() < 16, "{name}: no reader takes it");
+        assert!(read_with_all(Path::new(name), &good).len() < 16, "{name}: no reader accepts it");
     }
 }
 

@@ -150,7 +150,7 @@ fn check_eval(material: &Rgl, tolerance: f64, want: impl Fn(DVec3, DVec3) -> f64
         for wo in scattered(37, 0.25) {
             let (got, want) = (material.eval(wi, wo), want(wi, wo));
             for (got, share) in got.into_iter().zip(COLOUR) {
-                assert!((got / (share * want) - 1.0).abs() < tolerance, "{wi} {wo}: {got} for {}", share * want);
+                assert!((got / (share * want) - 1.0).abs() < tolerance, "{wi} {wo}: {got}, expected {}", share * want);
             }
         }
     }
@@ -272,7 +272,7 @@ fn real() -> Vec<PathBuf> {
     let files: Vec<PathBuf> =
         entries.map(|e| e.path()).filter(|p| p.extension().is_some_and(|e| e == "bsdf")).collect();
     if files.is_empty() {
-        eprintln!("skipped: GONIO_DATA names no folder with rgl/*.bsdf");
+        eprintln!("skipped: GONIO_DATA does not contain rgl/*.bsdf");
     }
     files
 }
@@ -301,7 +301,7 @@ fn measured_materials_are_plausible() {
                 total += 0.5 * (there[1] + back[1]);
             }
         }
-        eprintln!("{name}: {:.3} not reciprocal", difference / total);
+        eprintln!("{name}: relative deviation from reciprocity {:.3}", difference / total);
         assert!(difference < 0.5 * total, "{name}: {}", difference / total);
         let table = material.to_merl();
         assert!((0..3).all(|c| table.channel(c).iter().all(|v| v.is_finite() && (*v >= 0.0 || *v == -1.0))));

@@ -166,13 +166,13 @@ fn write() {
 #[test]
 fn the_seeds_are_in_the_repository() {
     let names: BTreeSet<(&str, String)> = seeds().into_iter().map(|(target, name, _)| (target, name)).collect();
-    assert_eq!(names.len(), seeds().len(), "two seeds of one name");
+    assert_eq!(names.len(), seeds().len(), "two seeds have the same name");
     for (target, name, bytes) in seeds() {
         let file = folder().join(target).join(&name);
         let there = std::fs::read(&file).unwrap_or_default();
         assert!(
             there == bytes,
-            "{}: write it by `cargo test -p gonio-io --test io seeds -- --ignored`",
+            "{}: write it with `cargo test -p gonio-io --test io seeds -- --ignored`",
             file.display()
         );
     }

@@ -1,5 +1,5 @@
-//! The whole of `infer` and each of its stages, beside what the machine can do:
-//! `cargo bench -p gonio-app`. docs/performance.md holds a table of it.
+//! Times `infer` and each of its stages, relative to the time of matrix products on the same
+//! machine: `cargo bench -p gonio-app`. docs/performance.md contains the results.
 //!
 //! `cargo bench -p gonio-app -- quick` leaves out the largest inputs; other words select the rows
 //! whose names contain one of them.
@@ -20,14 +20,14 @@ use gonio_app::{
     Colours, Form, Journal, Method, Normals, Reading, Scene, Settings, Shape, Shots, Source, Spaces, infer,
 };
 
-/// Side of the products by which the machine is measured, and their number.
+/// Side of the square matrices whose products are the unit of time, and number of products.
 const PRODUCT: usize = 2000;
 const PRODUCTS: usize = 3;
 
-/// Times that each input is inferred; the fastest counts.
+/// Number of runs of each input; the fastest run is reported.
 const RUNS: usize = 5;
 
-/// Stages in their order.
+/// Stages of `infer`, in order.
 const STAGES: [&str; 8] = ["reading", "shadows", "posterior", "transfer", "light", "colour", "drawing", "files"];
 
 fn main() {
@@ -36,7 +36,7 @@ fn main() {
     let quick = words.iter().any(|word| word == "quick");
     words.retain(|word| word != "quick");
     let unit = products();
-    let model = gonio_io::model::embedded().expect("the model is part of the program");
+    let model = gonio_io::model::embedded().expect("the embedded model is valid");
     let bench = Bench { model, unit, words };
     let rate = bench.flops() / unit / 1e9;
     println!("{PRODUCTS} products of {PRODUCT} x {PRODUCT} in f64: {unit:.3} s, {rate:.0} GFLOP/s\n");
@@ -70,7 +70,8 @@ fn main() {
     println!("sphere of 256 x 256 under a map of 1024 x 512: {took:.2} s, {:.1} units", took / unit);
 }
 
-/// Time in seconds of the products, the unit of all others: it says what these cores can do now.
+/// Measures the time of the products in seconds, the unit of all other times. It depends on the
+/// machine and its current load.
 fn products() -> f64 {
     let entry = |i: usize, j: usize| ((i * 7 + j * 13) % 17) as f64 / 17.0;
     let (a, b) = (Mat::from_fn(PRODUCT, PRODUCT, entry), Mat::from_fn(PRODUCT, PRODUCT, entry));
@@ -86,33 +87,34 @@ fn products() -> f64 {
     (0..RUNS).map(|_| run()).fold(f64::INFINITY, f64::min)
 }
 
-/// Operations of factorisations and inverses on the finest grid of the light: the only stage that
-/// consists of matrix products. Steps that were tried in vain are not counted.
+/// Returns the number of floating-point operations of the factorisations and inverses on the finest
+/// light grid. The light is the only stage that consists of matrix products. Rejected steps are not
+/// counted.
 fn products_of_light(notes: &serde_json::Value, side: usize) -> f64 {
     let count = |value: &serde_json::Value| value.as_u64().unwrap_or(0) as f64;
     let m = (side * side) as f64;
     let steps = notes["evidence"]["trace"].as_array().map_or(0, Vec::len) as f64;
-    // A factor and the inverse of the factor, a third of the cube each.
+    // The factorisation and the inversion of the factor require m^3 / 3 operations each.
     (steps + count(&notes["non_negative"]["steps"])) * 2.0 / 3.0 * m.powi(3)
 }
 
 struct Bench {
     model: Model,
-    /// Seconds of the products.
+    /// Time of the products in seconds.
     unit: f64,
-    /// Words of which a row's name contains one; none selects all rows.
+    /// Words that select the rows whose names contain one of them; an empty list selects all rows.
     words: Vec<String>,
 }
 
 impl Bench {
     fn head(&self) {
-        println!("seconds; the total in units of the products as well; of the light, the share of their rate");
+        println!("times in seconds; units: total relative to the products; of peak: rate of the light stage relative to the products");
         print!("{:42}", "");
         STAGES.iter().for_each(|stage| print!("{stage:>10}"));
         println!("{:>10}{:>10}{:>11}", "total", "units", "of peak");
     }
 
-    /// Operations of the products.
+    /// Returns the number of floating-point operations of the products.
     fn flops(&self) -> f64 {
         PRODUCTS as f64 * 2.0 * (PRODUCT as f64).powi(3)
     }
@@ -142,7 +144,7 @@ impl Bench {
             let flops = products_of_light(&answer.notes["light"], side);
             let files = answer.files().map(|files| files.encode().len());
             assert!(files.is_ok_and(|count| count > 3), "{name}");
-            // The files are made but not written.
+            // The files are encoded but not written.
             seconds.push(("files", start.elapsed().as_secs_f64()));
             let total: f64 = seconds.iter().map(|s| s.1).sum();
             (total, seconds, flops)
@@ -187,7 +189,7 @@ fn scene(picture: Picture, form: Form) -> Scene {
     }
 }
 
-/// A photograph of a ball, rendered at no more than 256 pixels a side and enlarged.
+/// Renders a photograph of a ball with at most 256 pixels a side, and enlarges it to `side`.
 fn ball(side: usize) -> Picture {
     let small = side.min(256);
     let picture = render_sphere(&material(), &light(), &SphereSettings { size: small, ..Default::default() }, &|_| ());
@@ -199,17 +201,17 @@ fn ball(side: usize) -> Picture {
     }
 }
 
-/// Photograph of one of our own forms before the default camera, with what was seen.
+/// Renders a mesh with the default camera. Returns the photograph and its geometry buffer.
 fn photograph(mesh: MeshParts, size: (usize, usize)) -> (Picture, GeometryBuffer) {
     let shape = Shape::of(Form::Mesh(Source::Here(mesh)));
-    let placed = shape.surface(size, &mut Vec::new()).ok().flatten().expect("a mesh before a camera");
+    let placed = shape.surface(size, &mut Vec::new()).ok().flatten().expect("the mesh is in front of the camera");
     let settings = SurfaceSettings::default();
     let picture = render_surface(&material(), &light(), placed.surface.as_ref(), &placed.camera, &settings, &|_| ());
     (picture, GeometryBuffer::of(placed.surface.as_ref(), &placed.camera))
 }
 
 fn form(form: OwnForm, cells: usize) -> MeshParts {
-    let mesh = form.mesh(cells).expect("our own form");
+    let mesh = form.mesh(cells).expect("a built-in form");
     MeshParts {
         positions: mesh.positions().to_vec(),
         triangles: mesh.triangles().to_vec(),

@@ -1,11 +1,11 @@
-"""Time of the usual alternative on one photograph: joint descent on light and material with Mitsuba 3.
+"""Times the usual alternative on one photograph: joint gradient descent on light and material with Mitsuba 3.
 
-    pip install mitsuba==3.9.1 (and an LLVM library: DRJIT_LIBLLVM_PATH names one that is not found)
+    pip install mitsuba==3.9.1 (and an LLVM library: DRJIT_LIBLLVM_PATH sets its path if it is not found)
     python crates/gonio-app/benches/mitsuba_descent.py samples/ball.exr [STEPS]
 
 A sphere of the `principled` model in a lat-long light of 32 x 16 pixels is fitted to the photograph, reduced to
-64 x 64 pixels, by Adam on the squared difference, with 16 rays a pixel. It finds one answer, without error bars,
-that explains the photograph: which one depends on the start.
+64 x 64 pixels, by Adam on the squared difference, with 16 rays per pixel. The result is one solution without an
+uncertainty. It depends on the initial values.
 """
 
 import sys
@@ -23,14 +23,14 @@ RAYS = 16
 
 
 def photograph(path: str) -> mi.TensorXf:
-    """The picture in linear RGB at 64 x 64, of mean one."""
+    """Returns the picture in linear RGB at 64 x 64 pixels, scaled to a mean of one."""
     picture = mi.Bitmap(path).convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.Float32, srgb_gamma=False)
     values = np.array(picture.resample([SIZE, SIZE]))
     return mi.TensorXf(np.maximum(values, 0) / values.mean())
 
 
 def scene() -> mi.Scene:
-    """A sphere that fills the picture."""
+    """Returns a scene with a sphere that fills the picture."""
     looks = mi.ScalarTransform4f().look_at(origin=[0, 0, 4], target=[0, 0, 0], up=[0, 1, 0])
     film = {"type": "hdrfilm", "width": SIZE, "height": SIZE, "rfilter": {"type": "box"}, "pixel_format": "rgb"}
     material = {"type": "principled", "roughness": 0.4, "metallic": 0.2, "base_color": {"type": "rgb", "value": 0.5}}
@@ -68,7 +68,7 @@ def main(path: str, steps: int) -> None:
     off = np.sqrt(np.array(error)).item() / np.sqrt(np.mean(np.array(target) ** 2)).item()
     end = time.perf_counter()
     print(f"mitsuba {mi.__version__}: {steps} steps at {SIZE} x {SIZE} in {end - ready:.1f} s, {end - start:.1f} s with the start")
-    print(f"left of the photograph: {100 * off:.1f} %")
+    print(f"residual relative to the photograph: {100 * off:.1f} %")
     for key in kept[:3]:
         print(key, np.array(parameters[key]).ravel())
 

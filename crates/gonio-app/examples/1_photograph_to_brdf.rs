@@ -1,4 +1,4 @@
-//! A photograph of a ball to its BRDF:
+//! Estimates the BRDF of a ball from a photograph:
 //! `cargo run --example 1_photograph_to_brdf -- PHOTO OUT.binary`
 
 use gonio::estimate::{EstimateSettings, estimate};

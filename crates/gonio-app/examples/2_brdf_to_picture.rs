@@ -1,4 +1,4 @@
-//! A BRDF to a picture of a sphere: `cargo run --example 2_brdf_to_picture -- BRDF OUT.exr`
+//! Renders a sphere with a BRDF: `cargo run --example 2_brdf_to_picture -- BRDF OUT.exr`
 
 use gonio::lighting::studio_light;
 use gonio::reflectance::parametric::{Ggx, Parametric};

@@ -1,4 +1,4 @@
-//! The light of a photograph whose BRDF is known:
+//! Estimates the light of a photograph, given the BRDF of the ball:
 //! `cargo run --example 3_light_given_a_brdf -- PHOTO BRDF OUT.exr`
 
 use gonio::estimate::{EstimateSettings, Light};

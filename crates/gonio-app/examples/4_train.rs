@@ -1,4 +1,4 @@
-//! A prior of light and a basis of reflectance learnt from lights and materials in memory:
+//! Trains a light prior and a reflectance basis on lights and materials in memory:
 //! `cargo run --example 4_train -- OUT.model`
 
 use gonio::lighting::{lamp_light, sky_light, studio_light};

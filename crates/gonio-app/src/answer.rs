@@ -139,7 +139,7 @@ pub fn infer(
     of_one(&Asked::of(model, settings)?, scene, settings, Vec::new(), journal)
 }
 
-/// Infers from a scene with one object; `warnings` are those of reading it so far.
+/// Infers from a scene with one object; `warnings` contains those from reading the photograph.
 pub(crate) fn of_one(
     asked: &Asked<'_>,
     scene: Scene,
@@ -378,7 +378,7 @@ impl Answer {
     }
 }
 
-/// Rows of the map of directional lights: pixels at the resolution of the sharpest highlights.
+/// Rows of the map of directional lights. Its pixels resolve the sharpest highlights.
 const DIRECTIONAL_ROWS: usize = 1024;
 
 /// Rows of the map of a built-in light.

@@ -15,15 +15,15 @@ use serde_json::{Value, json};
 use crate::plan::{PlanOrigin, load_or_build};
 use crate::{Journal, Method, Problem, Search, Settings, Warning};
 
-/// Relative noise above which a result is unreliable: converged solutions leave less than half of
-/// it.
+/// Relative noise above which a result is unreliable: that of converged solutions is less than
+/// half of it.
 const UNEXPLAINED: f64 = 0.5;
 
 /// Result of a method of the paper.
 pub(crate) struct Coefficients {
     /// Reflectance, of albedo [`ALBEDO`].
     pub(crate) table: BivariateTable,
-    /// The light on the scale that goes with it, for a blind method.
+    /// The light on the scale of `table`, for a blind method.
     pub(crate) light: Option<LightGrid>,
     /// Noise relative to the root mean square of the image.
     pub(crate) noise: f64,
@@ -105,7 +105,7 @@ pub(crate) fn find(
     Ok(Coefficients { table, light, noise, sections })
 }
 
-/// Computes the rows on which the inference runs, and their section of the result.
+/// Computes the rows for the inference, and the section `transfer` of the result.
 fn project(
     model: &Model,
     side: usize,
@@ -116,7 +116,7 @@ fn project(
 ) -> Result<(Projected, Value), Box<dyn std::error::Error>> {
     let tables = &model.reflectance.functions;
     let settings = PlanSettings { side, ..PlanSettings::default() };
-    // With few observations, the plan has more directions than there are values.
+    // With few observations, a plan would have more rows than there are values.
     if full_rows || observations.report.used <= settings.rank {
         let projected =
             Projected::unprojected(observations.seen(), &observations.values, tables, &model.light, &settings)?;

@@ -108,7 +108,7 @@ pub fn combine(
     Ok(CombinedAnswer { material, field, agreement, pictures, notes, saved: both })
 }
 
-/// Names the faulty photograph.
+/// Converts the error and adds the name of the faulty photograph, if there is one.
 fn blame(given: &[(String, SavedPosterior)], error: &EstimateError) -> Problem {
     match error {
         EstimateError::Product(ProductError::Contradiction { at, .. } | ProductError::Model(at)) => {

@@ -185,13 +185,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn folders_are_named_by_what_tells_them_apart() {
+    fn names_are_unique() {
         let names = names(&["a/out", "b/out", "c/other/", "."].map(PathBuf::from));
         assert_eq!(names, ["a/out", "b/out", "other", "."]);
     }
 
     #[test]
-    fn addresses_lie_below_the_page_and_are_encoded() {
+    fn addresses_are_relative_and_encoded() {
         let of = |file: &str, beside: &str| address(Path::new(file), Path::new(beside));
         assert_eq!(of("out/a/report.html", "out").as_deref(), Some("./a/report.html"));
         assert_eq!(of("a b#?%/\"é.html", "").as_deref(), Some("./a%20b%23%3F%25/%22%C3%A9.html"));
@@ -200,7 +200,7 @@ mod tests {
     }
 
     #[test]
-    fn faults_stay_in_their_place() {
+    fn reports_faults_by_folder() {
         let dir = tempfile::tempdir().unwrap();
         let write = |name: &str, text: &str| {
             let path = dir.path().join(name);

@@ -59,7 +59,7 @@ pub enum Target {
 }
 
 impl Target {
-    /// All of them.
+    /// All targets.
     pub const ALL: [Self; 9] = [
         Self::Merl,
         Self::MerlGrey,
@@ -72,7 +72,7 @@ impl Target {
         Self::Ward,
     ];
 
-    /// Returns its name for users, and its description.
+    /// Returns the name and the description of the target.
     pub fn names(self) -> (&'static str, &'static str) {
         match self {
             Self::Merl => ("merl", "MERL table, three channels"),
@@ -142,7 +142,7 @@ impl Export {
         let mut writer = Writer {
             folder,
             name,
-            // The photograph determines the product of light and BRDF.
+            // The photograph determines only the product of light and BRDF.
             light: light
                 .map_or_else(|| studio_light(LIGHT_ROWS), |light| times(&light, Vec3::splat(1.0 / scale as f32))),
             fitter: Fitter::new(&tables),

@@ -26,7 +26,7 @@ const BESIDE: &str = "-gonio";
 /// Prepares a folder for new results, which replace earlier results on commit.
 ///
 /// # Errors
-/// As [`StagedFolder::create`].
+/// See [`StagedFolder::create`].
 pub fn for_results(dir: impl AsRef<Path>) -> Result<StagedFolder, Error> {
     replacing(dir.as_ref(), results_in)
 }
@@ -34,7 +34,7 @@ pub fn for_results(dir: impl AsRef<Path>) -> Result<StagedFolder, Error> {
 /// Prepares a folder for new exports, which replace earlier exports on commit.
 ///
 /// # Errors
-/// As [`StagedFolder::create`].
+/// See [`StagedFolder::create`].
 pub fn for_exports(dir: impl AsRef<Path>) -> Result<StagedFolder, Error> {
     replacing(dir.as_ref(), exports_in)
 }
@@ -119,7 +119,7 @@ mod tests {
 
     use super::*;
 
-    /// Files of a folder, by name and content.
+    /// Creates a temporary folder with these files, given by name and content.
     fn folder(files: &[(&str, &str)]) -> tempfile::TempDir {
         let dir = tempfile::tempdir().unwrap();
         for (name, text) in files {
@@ -147,7 +147,7 @@ mod tests {
     }
 
     #[test]
-    fn earlier_results_go_and_everything_else_stays() {
+    fn replaces_earlier_results_and_keeps_other_files() {
         let result = json!({
             "format": "gonio-regions",
             "regions": [{ "folder": "1" }, { "folder": "../outside" }, { "folder": "mine" }],
@@ -180,7 +180,7 @@ mod tests {
     }
 
     #[test]
-    fn folders_of_others_are_left_as_they_are() {
+    fn keeps_files_of_folders_without_results() {
         for result in ["", "no JSON", "{\"format\": \"another\"}"] {
             let dir = folder(&[("result.json", result), ("report.html", ""), ("export/ward.json", "")]);
             assert!(!holds_results(dir.path()));
@@ -190,7 +190,7 @@ mod tests {
     }
 
     #[test]
-    fn a_photograph_of_the_name_of_a_result_is_in_danger() {
+    fn would_replace_photographs_named_like_results() {
         let dir = folder(&[("light.exr", ""), ("photo.exr", "")]);
         let name = |name: &str| dir.path().join(name);
         assert!(would_replace(dir.path(), &name("light.exr")));
@@ -200,7 +200,7 @@ mod tests {
     }
 
     #[test]
-    fn results_lie_beside_their_photograph() {
+    fn default_folder_is_beside_the_photograph() {
         assert_eq!(beside(Path::new("a/ball.exr")), Path::new("a/ball-gonio"));
         assert_eq!(beside(Path::new("ball.1.exr")), Path::new("ball.1-gonio"));
     }

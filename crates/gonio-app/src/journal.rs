@@ -1,22 +1,22 @@
-//! Progress of the stages, and how long each took.
+//! Records the progress and the duration of each stage.
 
 use std::sync::Mutex;
 use std::time::Instant;
 
-/// Reports progress to a front end, stage by stage, and records how long each stage took.
+/// Reports the progress of each stage to a front end and records the duration of each stage.
 pub struct Journal<'a> {
     listener: &'a (dyn Fn(&'static str, f64) + Sync),
     begun: Mutex<Vec<(&'static str, Instant)>>,
 }
 
 impl<'a> Journal<'a> {
-    /// A journal whose first stage begins now. `listener` is told the name of the stage and the
-    /// fraction of it that is done, in 0..=1.
+    /// Creates a journal and begins its first stage. `listener` receives the name of the stage and
+    /// the completed fraction of it, in 0..=1.
     pub fn new(stage: &'static str, listener: &'a (dyn Fn(&'static str, f64) + Sync)) -> Self {
         Self { listener, begun: Mutex::new(vec![(stage, Instant::now())]) }
     }
 
-    /// A fraction of a stage is done. The stage before it ends when the first is told of it.
+    /// Reports the completed fraction of a stage. The first report of a stage ends the one before.
     pub fn at(&self, stage: &'static str, fraction: f64) {
         let ended = self.begun.lock().ok().and_then(|mut begun| {
             let last = begun.last().map(|(last, _)| *last);
@@ -32,8 +32,8 @@ impl<'a> Journal<'a> {
         (self.listener)(stage, fraction);
     }
 
-    /// Seconds of each stage up to now, in the order in which they began; together they are the
-    /// time since [`Self::new`].
+    /// Returns the seconds of each stage until now, in the order in which the stages began. Their
+    /// sum is the time since [`Self::new`].
     pub fn seconds(&self) -> Vec<(&'static str, f64)> {
         let end = Instant::now();
         let begun = self.begun.lock().map(|begun| begun.clone()).unwrap_or_default();

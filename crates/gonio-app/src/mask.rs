@@ -48,7 +48,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn sizes_of_one_shape_are_alike() {
+    fn alike_compares_aspect_ratios() {
         for (one, other) in
             [((48, 48), (24, 24)), ((4000, 3000), (1001, 751)), ((1001, 751), (4000, 3000)), ((3, 2), (9, 7))]
         {
@@ -66,7 +66,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_mask_covers_stays_what_it_covers() {
+    fn resampling_preserves_the_area() {
         let disk = |side: usize| {
             Plane::from_fn(side, side, |x, y| {
                 let off = |at: usize| (at as f64 + 0.5) / side as f64 - 0.5;
@@ -80,7 +80,7 @@ mod tests {
             assert!((area(&got) - area(&disk(from))).abs() < 0.01, "{from} {to}");
             assert!(got.as_slice().iter().all(|v| (-1e-5..=1.00001).contains(v)));
         }
-        // Pixels that are partly covered are grey.
+        // Partly covered pixels have values between 0 and 1.
         let half = resampled(&Plane::from_fn(4, 2, |x, _| f32::from(x > 0)), (2, 1));
         assert_eq!(half.as_slice(), [0.5, 1.0]);
     }

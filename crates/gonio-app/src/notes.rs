@@ -110,8 +110,8 @@ pub fn estimate(estimate: &Estimate) -> Value {
     })
 }
 
-/// The sections `posterior`, `reflectance`, `known_light`, `exposure`, `noise` and `settings` of an
-/// estimate under a known light.
+/// Returns the sections `posterior`, `reflectance`, `known_light`, `exposure`, `noise` and
+/// `settings` of an estimate under a known light.
 pub fn under_known_light(found: &LitEstimate, ask: &KnownLight) -> Value {
     let albedo = found.exposure * ALBEDO;
     let channels = found.colouring.field().tables(&found.material.table);
@@ -185,7 +185,8 @@ pub(crate) fn combined(material: &Material) -> Value {
     notes
 }
 
-/// `albedo`: along the normal, assumed or found.
+/// Returns the section `posterior`. `albedo` is the albedo at normal incidence, assumed or
+/// estimated.
 fn posterior(material: &Material, albedo: f64) -> Value {
     let share = |n: &Neighbour| json!({ "name": n.name, "weight": n.weight });
     let three = |[low, median, high]: [f64; 3]| json!({ "5": low, "50": median, "95": high });
@@ -219,8 +220,8 @@ fn posterior(material: &Material, albedo: f64) -> Value {
                  range in training; scatter: standard deviation of pixels that share a normal, relative to their mean \
                  (noise, texture, shadows and wrong normals; 0 where too few share one); normals: cells of the disk of \
                  normals; filled: those of them without an observation; unshadowed: mean absolute logarithm of \
-                 the ratio by which values were changed to those of a sphere, for shapes that keep light \
-                 from themselves",
+                 the ratio by which values were changed to those of a sphere, for shapes that \
+                 occlude their own light",
     })
 }
 

@@ -61,7 +61,7 @@ pub enum Shots {
     Files(Vec<PathBuf>),
 }
 
-/// A photograph, ready to be observed.
+/// A photograph in memory.
 #[derive(Clone, Debug)]
 pub struct Photograph {
     /// Linear radiance.
@@ -70,8 +70,7 @@ pub struct Photograph {
     pub clip: Option<f32>,
     /// The section `bracket` of the result.
     pub notes: Option<Value>,
-    /// Colour space that the values of the files were in; `None` for a picture in memory in linear
-    /// Rec. 709.
+    /// Colour space of the values in the files; `None` for a picture in memory in linear Rec. 709.
     pub space: Option<InputSpace>,
 }
 
@@ -91,7 +90,7 @@ pub struct MergedBracket {
 }
 
 impl Shots {
-    /// Reads the image, or merges the exposures. `clip` is the clipping level from the user.
+    /// Reads the image, or merges the exposures. `clip` is the clip level that the user specified.
     ///
     /// # Errors
     /// If a file cannot be read, or settings do not apply to it.
@@ -241,7 +240,7 @@ fn single(
 }
 
 /// Returns the maximum value if at least [`CLIPPED_PIXELS`] pixels share it. Division by a flat
-/// field would hide this clipping level.
+/// field would hide this clip level.
 fn repeated_maximum(picture: &Picture) -> Option<f32> {
     let values = || picture.rgb.as_slice().iter().filter(|v| v.is_finite()).map(|v| v.max_element());
     let largest = values().fold(0.0, f32::max);

@@ -55,7 +55,7 @@ mod tests {
 
     use super::*;
 
-    /// A small plan of so many points.
+    /// Loads or builds a small plan of `points` points, at most 150.
     fn get(cache: Option<&Cache>, points: usize) -> Result<(Plan, PlanOrigin, Option<Error>), PlanError> {
         let model = gonio_io::model::embedded().unwrap();
         let seen = fibonacci_hemisphere(150).map(|normal| SurfacePoint { normal, view: glam::DVec3::Z });
@@ -65,7 +65,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_built_is_found_again_and_damage_is_built_anew() {
+    fn loads_cached_plans_and_rebuilds_damaged_ones() {
         let dir = tempfile::tempdir().unwrap();
         let cache = Cache::at(dir.path());
         let get = || get(Some(&cache), 150).unwrap();
@@ -86,7 +86,7 @@ mod tests {
     }
 
     #[test]
-    fn a_cache_that_cannot_be_written_costs_a_warning_only() {
+    fn builds_the_plan_if_the_cache_cannot_be_written() {
         let dir = tempfile::tempdir().unwrap();
         fs::write(dir.path().join("file"), "").unwrap();
         let (plan, origin, failed) = get(Some(&Cache::at(dir.path().join("file/cache"))), 150).unwrap();
@@ -97,7 +97,7 @@ mod tests {
     }
 
     #[test]
-    fn threads_that_build_at_once_all_get_the_plan() {
+    fn concurrent_threads_get_the_same_plan() {
         let dir = tempfile::tempdir().unwrap();
         let (cache, barrier) = (Cache::at(dir.path()), std::sync::Barrier::new(2));
         let run = || {
@@ -114,7 +114,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_planned_is_refused_with_and_without_a_cache() {
+    fn rejects_too_few_points() {
         let dir = tempfile::tempdir().unwrap();
         for cache in [None, Some(&Cache::at(dir.path()))] {
             assert_eq!(get(cache, 10).unwrap_err(), PlanError::TooFewPoints(10));

@@ -116,7 +116,8 @@ struct Seen {
 }
 
 impl Seen {
-    /// `remedy` maps suggestions for the first photograph to those for this one.
+    /// Reads a photograph and detects its ball. `remedy` maps suggestions for the first photograph
+    /// to those for this one.
     fn of(
         scene: Scene,
         remedy: &dyn Fn(Remedy) -> Remedy,

@@ -118,7 +118,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn remedies_are_worded_by_the_front_end() {
+    fn front_end_words_the_suggestions() {
         let problem = Problem::of_scene("ball.exr", &SceneError::NoOutline);
         assert!(problem.to_string().starts_with("ball.exr: no object found"));
         assert_eq!(problem.worded(&|_| None), problem.to_string());

@@ -68,14 +68,14 @@ pub(crate) struct Part {
 pub enum Inferred {
     /// One material.
     One(Box<Answer>),
-    /// Several.
+    /// Several materials.
     Several(Several),
 }
 
 /// Infers the materials in a photograph: of the given regions, of several balls, or of one object.
 ///
 /// # Errors
-/// As [`infer`](crate::infer) and [`infer_regions`].
+/// See [`infer`](crate::infer) and [`infer_regions`].
 pub fn infer_all(
     model: (&Model, &str),
     mut scene: Scene,
@@ -114,7 +114,7 @@ impl Part {
             mask: Some(Source::Here(self.mask.clone())),
             // Labels separate the materials.
             keep_colours: true,
-            // The gates are for the whole object, of which a region is a part.
+            // The checks that `force` skips apply to whole objects, not to regions.
             force: true,
             shape: crate::Shape { form: self.form.clone(), ..whole.shape.clone() },
             ..whole.clone()
@@ -125,8 +125,8 @@ impl Part {
 /// Infers the material of each region of a photograph, under one light.
 ///
 /// # Errors
-/// As [`infer`](crate::infer), with the faulty region; also if labels are invalid or the method is
-/// one of the paper's.
+/// See [`infer`](crate::infer); the error also names the faulty region. Also if labels are invalid
+/// or the method is one of the paper's.
 pub fn infer_regions(
     model: (&Model, &str),
     scene: Scene,
@@ -161,7 +161,7 @@ fn of_regions(
         looked.push((seen, own));
     }
     let linear = scene.reading.linear;
-    // All regions have the reference of the photograph.
+    // All regions share the reference of the photograph.
     let rule = looked.first().map_or(asked.rule, |(seen, _)| asked.rule_of(seen)).0;
     let together = match settings.method {
         Method::Learnt => {
@@ -208,7 +208,7 @@ pub(crate) fn parts(
         Regions::Labels(source) => {
             let inside = mask.or(picture.alpha.as_ref());
             let labels = read_labels(source, size, &scene.name)?;
-            // The outline of a ball is that of all its regions.
+            // All regions of a ball share its outline.
             let form = match (&scene.shape.form, &scene.shape.camera) {
                 (Form::Sphere(None), None) => Form::Sphere(Some(
                     outline_of_ball(picture, mask).map_err(|error| Problem::of_scene(&scene.name, &error))?,

@@ -111,7 +111,7 @@ pub enum Colours {
     /// One colour for the body and one for the highlight, under a light with a typical colour.
     #[default]
     Estimate,
-    /// As [`Self::Estimate`], under a light of known colour, given as that of a white matte ball.
+    /// Like [`Self::Estimate`], but under a light of known colour: that of a white matte ball.
     Under(Chroma),
     /// The median colour of the photograph, as in the paper.
     Median,
@@ -137,7 +137,7 @@ impl Colours {
             (Self::Median, _) => return (ColouringRule::Median, ""),
             (Self::Under(light), _) => (Some(light), "the light has the specified colour"),
             (Self::Estimate, Some(map)) => {
-                // Four pixels to a texel are enough for a mean.
+                // Four pixels per texel are enough for a mean.
                 let grid = map.reduced(128).to_grid(OctahedralMap::EqualArea, 32);
                 (Some(white_chroma(&grid, glam::DQuat::IDENTITY)), "the light has the mean colour of the light map")
             }
@@ -151,7 +151,8 @@ impl Settings<'_> {
     /// Checks that a model supports the settings. `name` is the name of the model in messages.
     ///
     /// # Errors
-    /// If the model lacks what the method needs, or its prior does not cover the grid.
+    /// If the model has no posterior of materials and the method requires one, or if the model's
+    /// light prior does not cover the grid.
     pub(crate) fn check(&self, model: &Model, name: &str) -> Result<(), Problem> {
         let covered = model.light.finest_side();
         if !self.side.is_power_of_two() || !(4..=covered).contains(&self.side) {

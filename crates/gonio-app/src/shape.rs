@@ -149,7 +149,7 @@ impl Shape {
     /// under an orthographic camera.
     ///
     /// # Errors
-    /// As [`Self::object`], and for other forms.
+    /// See [`Self::object`]; also for other forms.
     pub fn surface(self, size: (usize, usize), warnings: &mut Vec<Warning>) -> Result<Option<Placed>, Problem> {
         match self.object("the picture", size, warnings)?.0 {
             Object::Surface(placed) => Ok(Some(placed)),
@@ -194,7 +194,7 @@ impl Places {
                     Source::Here(depth) => depth,
                     Source::File(path) => read_depth(&path, &DepthOptions { range, ..DepthOptions::default() })?,
                 };
-                // Without a camera depths are in pixels.
+                // Without a camera, depths are in pixels.
                 let unit = || Camera::new(Projection::Orthographic { pixels_per_unit: 1.0 }, (0.0, 0.0), size);
                 let camera = camera.map_or_else(unit, Ok).map_err(|error| Problem::of(image, error))?;
                 let places = positions_of_depth(&depth, &camera, kind).map_err(|error| Problem::of(name, error))?;
@@ -234,7 +234,7 @@ fn place(
         Source::Here(parts) => Mesh::new(parts).map_err(|error| Problem::of(&name, error))?,
         Source::File(path) => gonio_io::mesh::read_shape(&path)?,
     };
-    // A warning about a mesh in memory already has its name.
+    // Warnings about a mesh in memory already start with its name.
     let complaint = |odd: String| if odd.starts_with(&name) { odd } else { format!("{name}: {odd}") };
     warnings.extend(soundness.complaint().map(complaint).map(Warning::from));
     let mesh = match pose {

@@ -121,7 +121,7 @@ fn converted([red, green, blue]: [&[f32]; 3], matrix: DMat3) -> ([Vec<f32>; 3], 
         let old = DVec3::new(f64::from(*r), f64::from(*g), f64::from(*b));
         let missing = old.min_element() < 0.0;
         let new = if missing { old } else { matrix * old };
-        // Smaller negative values are rounding.
+        // Smaller negative values are rounding errors.
         clamped += usize::from(!missing && new.min_element() < -1e-6 * new.max_element().abs());
         let new = if missing { new } else { new.max(DVec3::ZERO) };
         out.iter_mut().zip(new.to_array()).for_each(|(channel, value)| channel.push(value as f32));
@@ -169,7 +169,7 @@ mod tests {
     }
 
     #[test]
-    fn tables_go_to_a_space_and_back() {
+    fn conversion_to_a_space_is_invertible() {
         let (there, clamped) = from_rec709(&tables([0.5, 0.4, 0.3]), ColourSpace::AcesCg);
         // The inverse of the ACES matrix from AP1 to Rec. 709.
         let want = [0.456_6, 0.405_5, 0.315_0];
@@ -193,7 +193,7 @@ mod tests {
     }
 
     #[test]
-    fn the_file_beside_a_brdf_states_its_space() {
+    fn reads_the_space_from_json_beside_the_brdf() {
         let dir = tempfile::tempdir().unwrap();
         let write = |name: &str, value: Value| std::fs::write(dir.path().join(name), value.to_string()).unwrap();
         let space = |name: &str| space_of_brdf(&dir.path().join(name));

@@ -298,7 +298,7 @@ fn colours(
 /// Retrains the colour model of a model.
 ///
 /// # Errors
-/// If the model has no posterior of materials, or as [`posterior`].
+/// If the model has no posterior of materials. See also [`posterior`].
 pub fn recolour(
     model: &mut Model,
     lights: &Lights,

@@ -1,4 +1,4 @@
-//! One wrong pixel in the sample photograph changes no interval.
+//! Tests that one wrong pixel in the sample photograph changes no interval.
 
 use std::path::Path;
 
@@ -10,9 +10,10 @@ use gonio::picture::{Picture, Plane};
 use gonio::scene::{Fate, NormalPicture, Object, ObservationSettings, Oddity, Sighting};
 use gonio_io::picture::{ReadOptions, read};
 
-/// Largest change of an end of an interval, relative.
+/// Largest relative change of the end of an interval.
 const TOLERANCE: f64 = 0.05;
-/// Centre of the ball, middle of its highlight, dark flank, near the rim, at 79 degrees.
+/// Tested pixels: centre of the ball, middle of its highlight, dark flank, near the rim, and at 79
+/// degrees.
 const PLACES: [(usize, usize); 5] = [(128, 128), (78, 51), (60, 180), (240, 120), (4, 128)];
 
 fn sample() -> Picture {
@@ -20,7 +21,7 @@ fn sample() -> Picture {
     read(path, &ReadOptions::default()).unwrap().picture
 }
 
-/// The object of the sample as a picture of normals.
+/// Returns a normal map of the ball.
 fn normals(picture: &Picture) -> Plane<Vec3> {
     let sighting = Sighting::of(picture, None, Object::Sphere(None), &ObservationSettings::default()).unwrap();
     let circle = sighting.circle().unwrap();
@@ -31,7 +32,7 @@ fn normals(picture: &Picture) -> Plane<Vec3> {
     })
 }
 
-/// Ends of the intervals of gloss, GGX width and a sample of the cells of the BRDF.
+/// Returns the ends of the intervals of gloss, GGX width and some cells of the BRDF.
 fn ends(model: &Model, sighting: &Sighting) -> Vec<f64> {
     let material = Material::of(model, &sighting.observations, 8).unwrap();
     let cells = [(0, 0), (0, 60), (5, 10), (12, 30), (30, 0), (45, 45), (70, 20)].map(|(h, d)| 90 * h + d);
@@ -44,7 +45,7 @@ fn sphere(picture: &Picture) -> Sighting {
     Sighting::of(picture, None, Object::Sphere(None), &ObservationSettings::default()).unwrap()
 }
 
-/// Whether no end differs from the `clean` ones by more than the tolerance.
+/// Asserts that no end differs from that in `clean` by more than [`TOLERANCE`].
 fn assert_same(clean: &[f64], ends: &[f64], what: &str) {
     for (i, (was, is)) in clean.iter().zip(ends).enumerate() {
         assert!((is / was - 1.0).abs() <= TOLERANCE, "{what}: end {i} was {was}, is {is}");
@@ -52,7 +53,7 @@ fn assert_same(clean: &[f64], ends: &[f64], what: &str) {
 }
 
 #[test]
-fn hot_and_dead_pixels_are_found() {
+fn detects_hot_and_dead_pixels() {
     let picture = sample();
     assert_eq!(sphere(&picture).observations.report.outliers, 0);
     for (at, value) in PLACES.into_iter().zip([0.0, 5.0, 20.0, 1e4, 1e9]) {
@@ -65,7 +66,7 @@ fn hot_and_dead_pixels_are_found() {
 }
 
 #[test]
-fn many_outliers_are_a_warning() {
+fn warns_about_many_outliers() {
     let mut picture = sample();
     for i in 0..100 {
         picture.rgb[(60 + 13 * (i % 10), 60 + 13 * (i / 10))] = Vec3::splat(3.0 + i as f32);
@@ -105,7 +106,7 @@ fn one_wrong_pixel_changes_no_interval_of_an_object_with_normals() {
         bad.rgb[at] = Vec3::splat(value);
         let sighting = seen(&bad);
         assert_eq!(sighting.observations.report.outliers, 1);
-        // The weights of the pixels around it stay, as the noise of the picture does.
+        // The outlier does not change the estimated noise, and therefore not the other weights.
         let weights = sighting.observations.weights.iter().zip(&clean_weights);
         assert!(weights.clone().all(|(is, was)| (is - was).abs() < 0.01));
         assert_same(&clean, &ends(&model, &sighting), &format!("{value} at {at:?}"));
@@ -115,7 +116,7 @@ fn one_wrong_pixel_changes_no_interval_of_an_object_with_normals() {
 #[test]
 fn one_wrong_pixel_changes_no_interval_under_a_known_light() {
     let (picture, model) = (sample(), gonio_io::model::embedded().unwrap());
-    // Brighter above, with a lamp where the highlight of the sample is.
+    // The light grows brighter towards the top and has a lamp at the highlight of the sample.
     let map = Plane::from_fn(64, 32, |x, y| {
         let lamp = (10..14).contains(&x) && (8..11).contains(&y);
         Vec3::splat(if lamp { 30.0 } else { 1.5 - y as f32 / 32.0 })

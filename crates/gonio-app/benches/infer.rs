@@ -108,7 +108,9 @@ struct Bench {
 
 impl Bench {
     fn head(&self) {
-        println!("times in seconds; units: total relative to the products; of peak: rate of the light stage relative to the products");
+        println!(
+            "times in seconds; units: total relative to the products; of peak: rate of the light stage relative to the products"
+        );
         print!("{:42}", "");
         STAGES.iter().for_each(|stage| print!("{stage:>10}"));
         println!("{:>10}{:>10}{:>11}", "total", "units", "of peak");

@@ -15,8 +15,8 @@ use serde_json::{Value, json};
 use crate::plan::{PlanOrigin, load_or_build};
 use crate::{Journal, Method, Problem, Search, Settings, Warning};
 
-/// Relative noise above which a result is unreliable: that of converged solutions is less than
-/// half of it.
+/// Relative noise above which a result is unreliable: that of converged solutions is less than half
+/// of it.
 const UNEXPLAINED: f64 = 0.5;
 
 /// Result of a method of the paper.

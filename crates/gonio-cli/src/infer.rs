@@ -189,7 +189,7 @@ pub(crate) fn parse_yes(text: &str) -> Result<bool, String> {
     }
 }
 
-/// `R,G,B`, linear, positive.
+/// Parses `R,G,B`: three positive linear numbers.
 fn parse_light(text: &str) -> Result<Colours, String> {
     let numbers: Result<Vec<f64>, _> = text.split(',').map(|s| s.trim().parse()).collect();
     let light: Option<[f64; 3]> = numbers.ok().and_then(|numbers| numbers.try_into().ok());
@@ -386,7 +386,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn colours_of_light_are_three_positive_numbers() {
+    fn light_colour_requires_three_positive_numbers() {
         assert_eq!(parse_light("1, 0.8,0.5").ok(), Colours::under([1.0, 0.8, 0.5]));
         assert!(parse_light("1, 0.8,0.5").is_ok());
         for wrong in ["", "1,1", "1,1,0", "1,1,nan", "1,1,-1", "1,1,1,1", "red"] {
@@ -395,7 +395,7 @@ mod tests {
     }
 
     #[test]
-    fn yes_and_no_are_said_in_several_ways() {
+    fn parses_common_words_for_yes_and_no() {
         for (text, yes) in [("1", true), ("yes", true), ("TRUE", true), ("0", false), ("", false), ("no", false)] {
             assert_eq!(parse_yes(text), Ok(yes), "{text:?}");
         }

@@ -182,7 +182,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn reflectances_are_one_number_or_three() {
+    fn reflectance_is_one_number_or_three() {
         assert_eq!(parse_reflectance("0.6"), Ok(Reflectance([0.6; 3])));
         assert_eq!(parse_reflectance("0.9, 0.8,1"), Ok(Reflectance([0.9, 0.8, 1.0])));
         for wrong in ["", "0", "1.1", "0.5,0.5", "nan", "-1", "silver", "1,1,0"] {

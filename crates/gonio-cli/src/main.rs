@@ -216,7 +216,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn nothing_controls_the_terminal() {
+    fn replaces_control_characters() {
         let name = "a\u{1b}[31m\u{9b}2J\u{7}\u{202e}gnp.exr\r\nerror: forged\t.";
         assert_eq!(one_line(name), "a [31m 2J  gnp.exr  error: forged .");
         assert_eq!(lines(name), "a [31m 2J  gnp.exr \nerror: forged\t.");

@@ -29,8 +29,8 @@ impl Outcome {
         self
     }
 
-    /// Prints warnings to standard error and text to standard output; or, if `json`, one object
-    /// with everything to standard output.
+    /// Prints warnings to standard error and text to standard output. If `json`, prints one object
+    /// with warnings and fields to standard output instead.
     pub(crate) fn print(mut self, json: bool) {
         if json {
             self.fields.insert("warnings".into(), json!(self.warnings));

@@ -166,7 +166,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_bar_rises_and_is_never_full() {
+    fn bar_never_decreases_and_is_never_full() {
         let stage = Stage::new("drawing");
         for (fraction, position) in [(0.0, 0), (0.5, 500), (0.25, 500), (1.0, 990), (f64::NAN, 990)] {
             stage.at(fraction);
@@ -175,7 +175,7 @@ mod tests {
     }
 
     #[test]
-    fn a_stage_takes_the_place_of_the_one_before() {
+    fn a_new_stage_replaces_the_previous_one() {
         let stages = Stages::new("reading");
         stages.at("reading", 0.7);
         stages.at("drawing", 0.0);

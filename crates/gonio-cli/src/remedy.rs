@@ -84,7 +84,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn corrections_are_options() {
+    fn words_corrections_as_options() {
         let flip = Correction { flip_y: true, ..Correction::default() };
         let swap = Correction { order: [1, 0, 2], ..flip };
         let worded = words(&Remedy::NormalAxes(vec![flip, swap])).unwrap();
@@ -93,7 +93,7 @@ mod tests {
     }
 
     #[test]
-    fn circles_are_options_too() {
+    fn words_circles_as_options() {
         let circles = [30.04, 50.0].map(|x| Circle { x, y: 40.0, radius: 20.26 }).to_vec();
         assert!(
             words(&Remedy::OneOf(circles.clone()))

@@ -1,9 +1,8 @@
-"""Completes command lines of gonio in shells at work, at a terminal: types them, presses the tab key, and asks the shell what the line is.
+"""Tests the completion of gonio command lines in interactive shells: types each line in a terminal, presses the tab key, and reads the completed line.
 
     python3 completions.py GONIO BALL [SHELL...]
 
-GONIO is the program, BALL a photograph (samples/ball.exr), SHELL any of bash, zsh and fish, all of them if not given. Ends with 1 if a line is not completed as it
-should be.
+GONIO is the program, BALL a photograph (samples/ball.exr), and SHELL any of bash, zsh and fish (default: all). The exit code is 1 if a completion is wrong.
 """
 
 import os
@@ -16,7 +15,7 @@ import tempfile
 import time
 from pathlib import Path
 
-# What is typed, and what comes of it: a command, an option, one behind a photograph, values, files, and what there is nothing for.
+# Typed lines and their completions: a command, an option, an option after a photograph, values, files, and a line without completions.
 LINES = {
     "gonio inf": "gonio infer",
     "gonio infer --so": "gonio infer --solver",
@@ -28,10 +27,10 @@ LINES = {
     "gonio infer --zz": "gonio infer --zz",
 }
 PROMPT = "ready> "
-# Seconds for one answer of a shell.
+# Time limit for one answer of a shell, in seconds.
 PATIENCE = 60
 
-# What each shell reads at its start: the script of gonio as docs/options.md says where it goes, and a key (Ctrl-X) that writes the line to the file `line`.
+# Start-up file of each shell. It loads the completion script from the place that docs/options.md specifies, and binds Ctrl-X to write the line to the file `line`.
 BASH = """
 . .local/share/bash-completion/completions/gonio
 PS1='{prompt}'
@@ -56,7 +55,7 @@ function fish_greeting; end
 function tell; commandline > line.part; mv line.part line; commandline ''; end
 bind \\cx tell
 """
-# By shell: its file of settings, what goes into it, where the script goes, and how the shell is started.
+# For each shell: path and content of its start-up file, path of the completion script, and options.
 SHELLS = {
     "bash": (".bashrc", BASH, ".local/share/bash-completion/completions/gonio", ["--rcfile", ".bashrc", "--noprofile", "-i"]),
     "zsh": (".zshrc", ZSH, ".zfunc/_gonio", ["-i"]),
@@ -65,7 +64,7 @@ SHELLS = {
 
 
 class Terminal:
-    """A shell at a terminal."""
+    """A shell in a pseudo-terminal."""
 
     def __init__(self, command, home):
         self.shown = b""
@@ -79,7 +78,7 @@ class Terminal:
             os.execvpe(command[0], command, environment)
 
     def until(self, done, what):
-        """Reads what is shown until `done` holds of it."""
+        """Reads the output of the shell until `done()` is true."""
         deadline = time.monotonic() + PATIENCE
         while not done():
             if time.monotonic() > deadline:
@@ -91,7 +90,7 @@ class Terminal:
                     raise EOFError(f"{what}: the shell has ended; shown: {self.shown[-2000:]!r}") from error
 
     def complete(self, line):
-        """What the tab key makes of a line."""
+        """Types a line and the tab key; returns the completed line."""
         answer = self.home / "line"
         answer.unlink(missing_ok=True)
         os.write(self.end, f"{line}\t\x18".encode())
@@ -104,7 +103,7 @@ class Terminal:
 
 
 def check(shell, gonio, ball):
-    """Lines that are not completed as they should be."""
+    """Returns a message for each wrong completion."""
     settings, text, script, options = SHELLS[shell]
     with tempfile.TemporaryDirectory() as home:
         home = Path(home)
@@ -118,18 +117,18 @@ def check(shell, gonio, ball):
         terminal = Terminal([shell, *options], home)
         try:
             terminal.until(lambda: PROMPT.encode() in terminal.shown, f"{shell}: the prompt")
-            # A shell puts a space behind what is complete, zsh an equals sign behind options that take a value.
+            # Shells append a space to complete words, and zsh an equals sign to options that take a value.
             found = {line: terminal.complete(line).rstrip(" =") for line in LINES}
         finally:
             terminal.close()
     wrong = [f"{shell}: {line!r} became {found[line]!r}, not {LINES[line]!r}" for line in LINES if found[line] != LINES[line]]
-    print(f"{shell}: {len(LINES) - len(wrong)} of {len(LINES)} lines are completed", *wrong, sep="\n", flush=True)
+    print(f"{shell}: {len(LINES) - len(wrong)} of {len(LINES)} lines are completed correctly", *wrong, sep="\n", flush=True)
     return wrong
 
 
 def main(gonio, ball, *shells):
     gonio, ball = Path(gonio).resolve(), Path(ball).resolve()
-    # Every shell is tried, whatever another has failed at.
+    # A failure in one shell does not skip the others.
     wrong = [check(shell, gonio, ball) for shell in shells or SHELLS]
     return 1 if any(wrong) else 0
 

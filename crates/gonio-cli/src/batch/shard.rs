@@ -57,7 +57,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn shards_share_all_rows() {
+    fn each_row_belongs_to_one_shard() {
         assert_eq!(parse("2/3"), Ok(Shard { index: 1, count: 3 }));
         let owners = |row: usize| (1..=3).filter(|i| parse(&format!("{i}/3")).unwrap().has(row)).count();
         assert!((0..20).all(|row| owners(row) == 1));
@@ -67,7 +67,7 @@ mod tests {
     }
 
     #[test]
-    fn slurm_says_which() {
+    fn reads_the_shard_from_slurm_variables() {
         let of = |variables: &[(&str, &str)]| {
             of_variables(|name| variables.iter().find(|(n, _)| *n == name).map(|(_, v)| (*v).to_owned()))
         };

@@ -101,7 +101,7 @@ pub(crate) fn parse_circle(text: &str) -> Result<Circle, String> {
 }
 
 impl SceneOptions {
-    /// The first photograph.
+    /// Returns the first photograph.
     pub(crate) fn image(&self) -> PathBuf {
         self.images.first().cloned().unwrap_or_default()
     }

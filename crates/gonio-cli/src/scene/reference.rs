@@ -95,7 +95,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn parses_places_of_charts() {
+    fn parses_positions_of_charts() {
         assert_eq!(parse_chart("auto"), Ok(ChartPlace(None)));
         let corners = [(1.0, 2.0), (3.0, 4.0), (5.5, 6.0), (7.0, 8.0)];
         assert_eq!(parse_chart("1,2, 3,4,5.5,6,7,8"), Ok(ChartPlace(Some(corners))));

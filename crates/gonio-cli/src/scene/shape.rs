@@ -53,7 +53,7 @@ pub(super) struct NormalOptions {
     positions: Option<PathBuf>,
 }
 
-/// Channels that hold x, y and z.
+/// Channels that contain x, y and z.
 #[derive(Clone, Copy)]
 struct ChannelOrder([usize; 3]);
 

@@ -1,4 +1,4 @@
-//! What is asked of people, and what is told to them.
+//! Tests of options, help texts and messages.
 
 use gonio::lighting::studio_light;
 use gonio_io::picture::{encode_hdr, encode_pfm};
@@ -18,7 +18,7 @@ fn short_help_fits_a_screen_and_long_help_has_headings() {
     assert!(headings.windows(2).all(|pair| at(pair[0]) < at(pair[1])));
     assert!(!long.contains("\nOptions:\n"), "{long}");
     assert!(long.contains("--normals-flip-y") && at("Examples") > at("General"));
-    // Everything that --help lists of a method, and in no other place.
+    // `--help` lists the options of methods under the heading Method.
     for option in ["--starts", "--solver", "--seed", "--grid", "--paper"] {
         let place = long.find(&format!(" {option}")).unwrap();
         assert!(at("Method") < place && place < at("Colour"), "{option}");
@@ -26,7 +26,7 @@ fn short_help_fits_a_screen_and_long_help_has_headings() {
 }
 
 #[test]
-fn options_that_a_file_does_not_need_are_told() {
+fn reports_options_that_do_not_apply_to_a_file() {
     let bench = Bench::with_ball();
     bench.write("ball.pfm", &encode_pfm(&ball().rgb));
     let said = bench.run("check ball.exr --linear").succeeds().stderr;
@@ -35,7 +35,7 @@ fn options_that_a_file_does_not_need_are_told() {
 }
 
 #[test]
-fn options_that_a_method_does_not_use_are_refused() {
+fn rejects_options_that_the_method_does_not_use() {
     let bench = Bench::with_ball();
     bench.write("light.hdr", &encode_hdr(studio_light(16).radiance()));
     bench.write("labels.png", b"");
@@ -62,7 +62,7 @@ fn options_that_a_method_does_not_use_are_refused() {
             "--materials and several --circle options both define the regions",
         ),
         ("--circle 14,24,9 --circle 34,24,9 --keep-colors", "--keep-colors applies to photographs of one material"),
-        // One range for every method.
+        // The range of the grid is the same for all methods.
         ("--grid 256", "grid 256: must be a power of two from 4 to 128"),
         ("--light light.hdr --normals normals.npy --grid 256", "grid 256: must be a power of two from 4 to 128"),
         ("--method map --grid 256", "grid 256: must be a power of two from 4 to 128"),
@@ -72,7 +72,7 @@ fn options_that_a_method_does_not_use_are_refused() {
 }
 
 #[test]
-fn results_lie_beside_the_photograph_if_nothing_else_is_said() {
+fn default_folder_is_beside_the_photograph() {
     let bench = Bench::with_ball();
     std::fs::create_dir(bench.path("photos")).unwrap();
     std::fs::rename(bench.path("ball.exr"), bench.path("photos/ball.exr")).unwrap();
@@ -86,10 +86,10 @@ fn results_lie_beside_the_photograph_if_nothing_else_is_said() {
 }
 
 #[test]
-fn a_photograph_comes_from_standard_input() {
+fn reads_a_photograph_from_standard_input() {
     let bench = Bench::with_ball();
     bench.run_reading("infer - -o piped --grid 8", "ball.exr").succeeds();
-    assert!(bench.read("piped/brdf.binary") == ANSWER.0["brdf.binary"], "another BRDF from the same bytes");
+    assert!(bench.read("piped/brdf.binary") == ANSWER.0["brdf.binary"], "the same bytes give another BRDF");
     assert_eq!(bench.json("piped/result.json")["image"], "standard input");
     bench.write("text", b"no picture");
     bench.write("empty", b"");
@@ -111,7 +111,7 @@ fn a_photograph_comes_from_standard_input() {
 }
 
 #[test]
-fn the_option_for_no_report_goes_before_its_variable() {
+fn no_report_option_overrides_the_variable() {
     let bench = Bench::with_ball();
     bench.run_with("infer ball.exr -o out --no-report --grid 8", &[("GONIO_NO_REPORT", "0")]).succeeds();
     assert!(!bench.path("out/report.html").exists());
@@ -119,7 +119,7 @@ fn the_option_for_no_report_goes_before_its_variable() {
 }
 
 #[test]
-fn mistakes_get_a_hint() {
+fn errors_contain_a_hint() {
     let bench = Bench::with_light_and_material();
     bench.write("a.exr", &exr(&ball()));
     bench.write("b.exr", &exr(&ball()));
@@ -143,7 +143,7 @@ fn mistakes_get_a_hint() {
 }
 
 #[test]
-fn quiet_says_nothing_but_errors() {
+fn quiet_prints_only_errors() {
     let bench = Bench::with_light_and_material();
     bench.write("ball.exr", &exr(&ball()));
     let run = bench.run("infer ball.exr -o out --grid 8 --quiet").succeeds();
@@ -157,7 +157,7 @@ fn quiet_says_nothing_but_errors() {
 }
 
 #[test]
-fn verbose_tells_the_stages_with_their_seconds() {
+fn verbose_prints_the_seconds_of_each_stage() {
     let bench = Bench::with_light_and_material();
     bench.write("ball.exr", &exr(&ball()));
     let run = bench.run("infer ball.exr -o out --grid 8 --verbose").succeeds();
@@ -174,7 +174,7 @@ fn verbose_tells_the_stages_with_their_seconds() {
 }
 
 #[test]
-fn wrong_numbers_of_threads_are_refused() {
+fn rejects_invalid_numbers_of_threads() {
     let bench = Bench::with_ball();
     for wrong in ["0", "x", "-1", "100000"] {
         bench.refuses(&format!("infer ball.exr -o x --threads {wrong}"), &["--threads"]);
@@ -182,13 +182,13 @@ fn wrong_numbers_of_threads_are_refused() {
 }
 
 #[test]
-fn lights_of_our_own_have_names() {
+fn built_in_lights_have_names() {
     let bench = Bench::with_light_and_material();
     for light in ["studio", "sky", "lamp"] {
         bench.run(&format!("render --brdf in.binary --light {light} -o {light}.exr --size 16")).succeeds();
     }
     assert!(bench.read("studio.exr") != bench.read("sky.exr"));
-    // A file of that name comes first.
+    // A file with that name takes precedence over the built-in light.
     bench.write("sky", &encode_hdr(studio_light(256).radiance()));
     bench.run("render --brdf in.binary --light sky -o file.exr --size 16").succeeds();
     assert!(bench.read("file.exr") != bench.read("sky.exr"));
@@ -196,7 +196,7 @@ fn lights_of_our_own_have_names() {
 }
 
 #[test]
-fn photographs_need_no_table() {
+fn batch_accepts_photographs_without_a_table() {
     let bench = Bench::with_ball();
     for name in ["a.exr", "b.exr"] {
         bench.write(name, &exr(&ball()));

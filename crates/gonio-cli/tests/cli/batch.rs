@@ -1,10 +1,10 @@
-//! `gonio batch`.
+//! Tests of `gonio batch`.
 
 use std::process::Command;
 
 use crate::support::Bench;
 
-/// Three rows, the second of which names a file that is not there.
+/// Three rows; the image of the second row does not exist.
 const TABLE: &str = "name,image,normals,grid,no-shadows\n\
                      one,ball.exr,,8,\n\
                      # a remark\n\
@@ -27,7 +27,7 @@ fn column(bench: &Bench, index: usize) -> Vec<String> {
 }
 
 #[test]
-fn one_bad_row_does_not_stop_the_rest_and_a_run_goes_on_where_it_was() {
+fn a_failed_row_does_not_stop_the_batch_and_is_resumed() {
     let bench = bench();
     let run = bench.run("batch photos/list.csv -o out");
     assert_eq!(run.code, Some(2));
@@ -37,14 +37,14 @@ fn one_bad_row_does_not_stop_the_rest_and_a_run_goes_on_where_it_was() {
     assert!(!column(&bench, 3)[0].is_empty());
     assert!(!bench.path("out/two").exists());
     let first = bench.read("out/one/result.json");
-    // Repaired; the finished rows are left as they are.
+    // Once the image exists, only the failed row is inferred.
     std::fs::copy(bench.path("photos/ball.exr"), bench.path("photos/none.exr")).unwrap();
     let run = bench.run("--json batch photos/list.csv -o out").succeeds();
     let said: serde_json::Value = serde_json::from_str(&run.stdout).unwrap();
     assert_eq!((said["inferred"].as_u64(), said["skipped"].as_u64()), (Some(1), Some(2)));
     assert_eq!(bench.read("out/one/result.json"), first);
     assert_eq!(column(&bench, 1), ["done"; 3]);
-    // Other arguments make it another row.
+    // A row is inferred again if its arguments change.
     bench.write("photos/list.csv", TABLE.replace("one,ball.exr,,8", "one,ball.exr,,4").as_bytes());
     let run = bench.run("--json batch photos/list.csv -o out").succeeds();
     let said: serde_json::Value = serde_json::from_str(&run.stdout).unwrap();
@@ -83,7 +83,7 @@ fn the_slurm_example_runs() {
 }
 
 #[test]
-fn bad_tables_are_refused() {
+fn rejects_invalid_tables() {
     let bench = bench();
     for (table, says) in [
         ("name\none\n", "the table has no column image"),

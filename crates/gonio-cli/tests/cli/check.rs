@@ -1,4 +1,4 @@
-//! `gonio check`.
+//! Tests of `gonio check`.
 
 use glam::Vec3;
 use gonio::picture::Picture;
@@ -6,7 +6,7 @@ use gonio_io::picture::{ReadOptions, encode_exr_clipped, read};
 
 use crate::support::{Bench, SIZE, ball, exr, grey, mask};
 
-/// The ball with twelve clipped pixels, a negative one and one that is not a number.
+/// Encodes the ball with twelve clipped pixels, a negative pixel and a NaN pixel.
 fn faulty() -> Vec<u8> {
     let Picture { mut rgb, alpha } = ball();
     (0..12).for_each(|x| rgb[(18 + x, 24)] = Vec3::splat(50.0));
@@ -16,7 +16,7 @@ fn faulty() -> Vec<u8> {
 }
 
 #[test]
-fn what_was_found_is_told_and_drawn() {
+fn describes_and_draws_the_detection() {
     let bench = Bench::with_ball();
     bench.write("faulty.exr", &faulty());
     let run = bench.run("check faulty.exr").succeeds();
@@ -27,20 +27,20 @@ fn what_was_found_is_told_and_drawn() {
     assert!(run.stderr.contains("faulty.exr: 12 of"), "{run:?}");
     let drawn = read(bench.path("faulty-check.png"), &ReadOptions { linear: true, ..ReadOptions::default() }).unwrap();
     let drawn = drawn.picture.rgb;
-    // Each pixel of the photograph is a square of ten.
+    // Each pixel of the photograph is drawn as a square of 10 x 10 pixels.
     let at = |x: usize, y: usize| drawn[(10 * x + 5, 10 * y + 5)];
     let is_red = |c: Vec3| c.x > 0.9 && c.y < 0.4 && c.z < 0.4;
     assert!(is_red(at(20, 24)) && is_red(at(29, 24)) && !is_red(at(30, 24)) && !is_red(at(20, 23)));
     for (x, y) in [(20, 30), (28, 30)] {
         assert!(at(x, y).x > 0.8 && at(x, y).z > 0.7 && at(x, y).y < 0.3, "{}", at(x, y));
     }
-    // The outline is where the ball ends.
+    // The outline is at the edge of the ball.
     let outline = (0..240).filter(|x| drawn[(*x, 240)].y > 0.85 && drawn[(*x, 240)].x < 0.5);
     assert!(outline.clone().count() > 0 && outline.clone().all(|x| (10..40).contains(&x)), "{:?}", outline.max());
 }
 
 #[test]
-fn numbers_are_for_programs_too() {
+fn json_contains_the_detection() {
     let bench = Bench::with_ball();
     let run = bench.run("check ball.exr -o x.png --json").succeeds();
     let found: serde_json::Value = serde_json::from_str(&run.stdout).unwrap();
@@ -53,7 +53,7 @@ fn numbers_are_for_programs_too() {
 }
 
 #[test]
-fn every_object_is_told() {
+fn describes_every_object() {
     let bench = Bench::with_ball();
     let run = bench.run("check ball.exr --circle 14,24,9 --circle 34,24,9").succeeds();
     assert!(run.stdout.contains("region 1: ball, circle 14.0,24.0,9.0"), "{run:?}");
@@ -67,7 +67,7 @@ fn every_object_is_told() {
 }
 
 #[test]
-fn the_picture_replaces_nothing_of_others() {
+fn replaces_only_its_own_images() {
     let bench = Bench::with_ball();
     bench.write("ball-check.png", &mask(SIZE));
     bench.refuses("check ball.exr", &["ball-check.png: exists and was not written by gonio check", "-o X.png"]);
@@ -80,7 +80,7 @@ fn the_picture_replaces_nothing_of_others() {
 }
 
 #[test]
-fn what_cannot_be_found_is_told_with_what_helps() {
+fn failed_detections_suggest_options() {
     let bench = Bench::with_ball();
     bench.write("constant.exr", &grey(0.5, SIZE, SIZE));
     bench.write("plain.exr", &exr(&Picture { alpha: None, ..ball() }));

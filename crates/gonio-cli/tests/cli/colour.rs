@@ -1,18 +1,18 @@
-//! The colours that `gonio infer` gives to a BRDF.
+//! Tests of the colours of an inferred BRDF.
 
 use glam::Vec3;
 use gonio::picture::{Picture, luminance};
 
 use crate::support::{Bench, ball, exr};
 
-/// A ball whose picture is of this colour.
+/// Encodes a photograph of the ball in one colour.
 fn tinted(colour: Vec3) -> Vec<u8> {
     let ball = ball();
     exr(&Picture { rgb: ball.rgb.map(|p| luminance(*p) * colour), ..ball })
 }
 
 #[test]
-fn the_colour_changes_and_the_luminance_does_not() {
+fn colour_options_preserve_the_luminance() {
     let bench = Bench::new();
     bench.write("red.exr", &tinted(Vec3::new(1.6, 0.7, 0.5)));
     bench.run("infer red.exr -o grey --grid 8 --color none").succeeds();
@@ -24,16 +24,16 @@ fn the_colour_changes_and_the_luminance_does_not() {
     for out in ["median", "estimate", "given"] {
         let same = bench.luminance(out);
         let near = same.as_slice().iter().zip(g.as_slice()).all(|(a, b)| (a / b - 1.0).abs() < 1e-4);
-        assert!(near, "another luminance: {out}");
+        assert!(near, "the luminance of {out} differs");
     }
-    // The paper's display: one colour, that of the picture.
+    // As in the paper, the BRDF has the median colour of the photograph.
     let [r, g, _] = bench.channels("median");
     assert!(r.as_slice().iter().zip(g.as_slice()).all(|(r, g)| (r / g - 1.6 / 0.7).abs() < 1e-3));
     let colour = |out: &str| bench.json(&format!("{out}/result.json"))["colour"].clone();
     let body = |out: &str| colour(out)["body"]["log_chroma"][0].as_f64().unwrap();
     assert_eq!(colour("grey")["how"], "none");
     assert_eq!(colour("estimate")["how"], "estimate");
-    // Red under white light, and grey under red.
+    // The BRDF is red under white light, and grey under red light.
     assert!(body("estimate") > 0.3 && body("given").abs() < 0.25, "{} {}", body("estimate"), body("given"));
     let low = colour("estimate")["body"]["interval_90"][0][0].as_f64().unwrap();
     assert!(low < body("estimate"), "{low}");
@@ -50,7 +50,7 @@ fn a_grey_photograph_gives_a_grey_brdf() {
 }
 
 #[test]
-fn colours_that_make_no_sense_are_refused() {
+fn rejects_invalid_colours() {
     let bench = Bench::with_ball();
     bench.refuses(
         "infer ball.exr -o out --light-color 1,1,1 --color median",

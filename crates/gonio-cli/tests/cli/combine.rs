@@ -1,4 +1,4 @@
-//! `gonio combine`.
+//! Tests of `gonio combine`.
 
 use std::path::Path;
 
@@ -7,7 +7,7 @@ use gonio_io::picture::encode_hdr;
 
 use crate::support::{Bench, material, merl};
 
-/// Photographs of balls under known lights: two of one material, one of another.
+/// Infers three balls under known lights: two of one material, and one of another material.
 fn seen() -> Bench {
     let bench = Bench::new();
     gonio_io::merl::write(bench.path("shiny.binary"), &merl(&material(0.1, 0.3))).unwrap();
@@ -24,7 +24,7 @@ fn seen() -> Bench {
 }
 
 #[test]
-fn photographs_of_one_material_are_combined_and_others_refused() {
+fn combines_one_material_and_rejects_others() {
     let bench = seen();
     bench.run("combine one two -o both").succeeds();
     let files = ["brdf.binary", "brdf_quantiles.npy", "combined.png", "posterior.json", "relit.png", "result.json"];

@@ -1,4 +1,4 @@
-//! `gonio compare`, and the page that `gonio batch` writes.
+//! Tests of `gonio compare`, and of the page that `gonio batch` writes.
 
 use std::fs::{self, File};
 
@@ -6,10 +6,10 @@ use serde_json::{Value, json};
 
 use crate::support::{ANSWER, Bench};
 
-/// Runs that write pages; others leave them out for speed.
+/// Environment of runs that write pages. Other runs write no pages, for speed.
 const WITH_PAGES: [(&str, &str); 1] = [("GONIO_NO_REPORT", "false")];
 
-/// Puts the result of the ball into a folder, with its notes changed.
+/// Writes the result of the ball to a folder, and applies `change` to its `result.json`.
 fn result(bench: &Bench, folder: &str, change: impl FnOnce(&mut Value)) {
     bench.write_answer(folder);
     let mut notes = ANSWER.json("result.json");
@@ -21,13 +21,13 @@ fn page(bench: &Bench, name: &str) -> String {
     String::from_utf8(bench.read(name)).unwrap()
 }
 
-/// Every quoted value of an attribute.
+/// Returns all values of an attribute.
 fn attributes<'a>(page: &'a str, name: &str) -> Vec<&'a str> {
     let start = format!(" {name}=\"");
     page.split(&start).skip(1).map(|rest| rest.split('"').next().unwrap()).collect()
 }
 
-/// Intervals far above those of the ball.
+/// Sets the gloss interval far above that of the ball.
 fn polished(notes: &mut Value) {
     notes["posterior"]["gloss"]["5"] = json!(1e6);
     notes["posterior"]["gloss"]["50"] = json!(2e6);
@@ -35,7 +35,7 @@ fn polished(notes: &mut Value) {
 }
 
 #[test]
-fn two_results_stand_side_by_side() {
+fn compares_two_results() {
     let bench = Bench::new();
     result(&bench, "one", |_| ());
     result(&bench, "two", |_| ());
@@ -46,7 +46,7 @@ fn two_results_stand_side_by_side() {
     for id in ["results", "intervals", "brdfs", "agreement"] {
         assert!(page.contains(&format!("<section id=\"{id}\">")), "{id}");
     }
-    // Photograph and sphere of each.
+    // The page shows the photograph and the sphere of each result.
     let pictures = attributes(&page, "src");
     assert!(pictures.len() == 4 && pictures.iter().all(|source| source.starts_with("data:image/png;base64,")));
     assert!(page.contains("alt=\"The photograph of one\"") && page.contains("alt=\"A sphere of the material of two\""));
@@ -58,11 +58,11 @@ fn two_results_stand_side_by_side() {
     let verdict = notes["posterior"]["gloss"]["verdict"].as_str().unwrap();
     assert_eq!((page.matches(nearest).count(), page.matches(verdict).count()), (2, 2));
     assert!(page.contains("Shown: one; two.") && page.matches(">0.00<").count() == 2);
-    assert_eq!(page.matches("class=\"bar\"").count(), 4, "gloss and alpha of each");
+    assert_eq!(page.matches("class=\"bar\"").count(), 4, "gloss and alpha of each result");
 }
 
 #[test]
-fn programs_learn_which_pairs_agree() {
+fn json_contains_the_agreement_of_pairs() {
     let bench = Bench::new();
     result(&bench, "one", |_| ());
     result(&bench, "two", polished);
@@ -79,7 +79,7 @@ fn programs_learn_which_pairs_agree() {
 }
 
 #[test]
-fn names_and_notes_of_strangers_are_text() {
+fn escapes_names_and_notes() {
     let bench = Bench::new();
     let name = "<img,src=x>&\"'\u{202e}\u{1b}[31m";
     result(&bench, name, |notes| {
@@ -103,7 +103,7 @@ fn names_and_notes_of_strangers_are_text() {
 }
 
 #[test]
-fn older_results_and_missing_files_leave_gaps() {
+fn accepts_older_results_and_missing_files() {
     let bench = Bench::new();
     result(&bench, "whole", |_| ());
     result(&bench, "old", |notes| {
@@ -121,10 +121,10 @@ fn older_results_and_missing_files_leave_gaps() {
     assert_eq!(attributes(&page, "src").len(), 2);
     assert!(
         page.contains("old: does not contain brdf.binary") && page.contains("damaged/brdf.binary: "),
-        "faults are said"
+        "the page reports the faults"
     );
     assert!(page.contains("damaged/relit.png: "));
-    // Files and notes of 8 TB that take no room.
+    // Sparse files of 8 TiB.
     File::create(bench.path("old/brdf.binary")).unwrap().set_len(1 << 43).unwrap();
     File::create(bench.path("old/relit.png")).unwrap().set_len(1 << 43).unwrap();
     bench.run("compare whole old").succeeds();
@@ -133,7 +133,7 @@ fn older_results_and_missing_files_leave_gaps() {
 }
 
 #[test]
-fn what_is_no_result_is_refused() {
+fn rejects_folders_without_results() {
     let bench = Bench::new();
     result(&bench, "one", |_| ());
     fs::create_dir(bench.path("empty")).unwrap();
@@ -151,7 +151,7 @@ fn what_is_no_result_is_refused() {
     bench.refuses("compare one one -o page.txt", &["page.txt: the output must be an .html file"]);
     bench.write("one/result.json", b"{");
     bench.refuses("compare one one", &["one/result.json: is not valid JSON"]);
-    // The page of somebody else.
+    // The existing page was not written by gonio.
     result(&bench, "one", |_| ());
     bench.write("compare.html", b"<!DOCTYPE html><title>mine</title>");
     bench.refuses("compare one one", &["compare.html: exists and was not written by gonio"]);
@@ -160,26 +160,26 @@ fn what_is_no_result_is_refused() {
 }
 
 #[test]
-fn a_batch_has_a_page_of_all_rows_also_when_it_goes_on() {
+fn batch_writes_and_updates_a_page_of_all_rows() {
     let bench = Bench::with_ball();
     bench.write("list.csv", b"name,image,grid\na b,ball.exr,8\nbad,none.exr,8\nc,ball.exr,4\n");
     assert_eq!(bench.run("batch list.csv -o out").code, Some(2));
-    assert!(!bench.path("out/compare.html").exists(), "pages were left out");
+    assert!(!bench.path("out/compare.html").exists(), "pages are disabled");
     bench.run_with("batch list.csv -o out --merge", &WITH_PAGES).succeeds();
     let first = page(&bench, "out/compare.html");
     assert!(first.contains("Comparison of 3 results") && first.contains("1 of 3 results are missing"));
     assert!(first.contains("No result: </strong>none.exr: ") && first.contains("a b and c "));
-    // Repaired; the finished rows are left as they are.
+    // Once the image exists, only the failed row is inferred.
     fs::copy(bench.path("ball.exr"), bench.path("none.exr")).unwrap();
     bench.run_with("batch list.csv -o out", &WITH_PAGES).succeeds();
     let second = page(&bench, "out/compare.html");
     assert!(!second.contains("No result") && second.contains("Shown: a b; bad; c."));
     assert!(second.contains("href=\"./bad/report.html\""));
-    // The same by hand, beside another result.
+    // `gonio compare` accepts a batch together with another result.
     let run = bench.run("compare out out/c -o all.html --json").succeeds();
     let said: Value = serde_json::from_str(&run.stdout).unwrap();
     assert_eq!((&said["results"], &said["pairs"][0]["of"]), (&json!(4), &json!(["out/a b", "out/bad"])));
-    // A page of somebody else stays.
+    // A page that gonio did not write is kept.
     bench.write("out/compare.html", b"mine");
     let run = bench.run_with("batch list.csv -o out", &WITH_PAGES).succeeds();
     assert!(run.stderr.contains("out/compare.html: exists and was not written by gonio"), "{run:?}");

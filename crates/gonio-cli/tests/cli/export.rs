@@ -1,4 +1,4 @@
-//! `gonio export` and `gonio convert`.
+//! Tests of `gonio export` and `gonio convert`.
 
 use gonio::lighting::studio_light;
 use gonio::reflectance::{BivariateTable, MerlTable};
@@ -13,7 +13,7 @@ fn bench() -> Bench {
 }
 
 #[test]
-fn everything_is_written_and_says_how_near_it_comes() {
+fn writes_all_targets_with_their_errors() {
     let bench = bench();
     bench.run("export in.binary -o out --name ball").succeeds();
     let exports = &bench.json("out/export.json")["exports"];
@@ -44,7 +44,7 @@ fn everything_is_written_and_says_how_near_it_comes() {
 }
 
 #[test]
-fn a_chosen_albedo_scales_everything() {
+fn albedo_scales_all_targets() {
     let bench = bench();
     bench.run("export in.binary -o out --to merl,bsdf,ward --albedo 0.25").succeeds();
     assert_eq!(bench.json("out/export.json")["albedo"].as_f64().map(|a| (1e6 * a).round() / 1e6), Some(0.25));
@@ -57,7 +57,7 @@ fn a_chosen_albedo_scales_everything() {
 }
 
 #[test]
-fn formats_go_there_and_back() {
+fn conversion_and_back_preserves_the_brdf() {
     let bench = bench();
     bench.run("convert in.binary a.bsdf").succeeds();
     bench.run("convert a.bsdf b.binary").succeeds();
@@ -68,13 +68,13 @@ fn formats_go_there_and_back() {
         let off: f64 = (0..5000).map(|i| f64::from((a.as_slice()[i] - b.as_slice()[i]).abs() / a.as_slice()[i])).sum();
         assert!(off / 5000.0 < 0.03, "{c}: {off}");
     }
-    // A measured tensor is a BRDF like any other.
+    // `gonio render` accepts RGL tensors.
     bench.write("light.hdr", &gonio_io::picture::encode_hdr(studio_light(16).radiance()));
     bench.run("render --brdf a.bsdf --light light.hdr -o a.exr --size 16").succeeds();
 }
 
 #[test]
-fn bad_input_is_refused() {
+fn rejects_invalid_input() {
     let bench = bench();
     gonio_io::merl::write(bench.path("black.binary"), &merl(&BivariateTable::from_fn(|_, _| 0.0))).unwrap();
     std::fs::create_dir(bench.path("empty")).unwrap();
@@ -99,17 +99,17 @@ fn bad_input_is_refused() {
 }
 
 #[test]
-fn scenes_are_lit_by_the_light_of_the_results() {
+fn scenes_use_the_light_of_the_results() {
     let bench = bench();
     let read = |file: &str| gonio_app::read_light(&bench.path(file), None).unwrap().radiance().as_slice().to_vec();
     let means = |file: &str| read(file).iter().sum::<glam::Vec3>() / read(file).len() as f32;
-    // A BRDF alone is shown in the studio.
+    // The scene of a BRDF without a light uses the studio light.
     bench.run("export in.binary -o alone --to blender").succeeds();
     assert_eq!(bench.json("alone/export.json")["light"], "studio");
     assert!(!bench.path("alone/scene.xml").exists());
 
-    // A light that was estimated is grey and has its colour in the notes; what a scene shows stays
-    // the same when the BRDF is scaled.
+    // The map of an estimated light is grey; its colour is in `result.json`. Scaling the BRDF does
+    // not change the brightness of the scene.
     std::fs::create_dir(bench.path("out")).unwrap();
     std::fs::rename(bench.path("in.binary"), bench.path("out/brdf.binary")).unwrap();
     let grey = studio_light(16).radiance().map(|p| glam::Vec3::splat(p.x));
@@ -124,14 +124,14 @@ fn scenes_are_lit_by_the_light_of_the_results() {
     let brighter = f64::from(means("dark/light.exr").y / lit.y);
     assert!((brighter * 0.05 / albedo - 1.0).abs() < 1e-2, "{brighter}");
 
-    // The scene is of the better material that there is, and goes with it.
+    // The scene uses the more accurate material. It is removed if neither material is exported.
     let scene = |folder: &str| String::from_utf8(bench.read(&format!("{folder}/scene.xml"))).unwrap();
     assert!(scene("out/export").contains("name=\"material\" value=\"brdf_measured.xml\""));
     assert!(scene("dark").contains("name=\"material\" value=\"principled.xml\""));
     bench.run("export out --to merl").succeeds();
     assert!(!bench.path("out/export/scene.xml").exists() && !bench.path("out/export/light.exr").exists());
 
-    // A light that was given has its colours already.
+    // The map of a known light has colours.
     bench.write("out/light.exr", &gonio_io::picture::encode_exr(studio_light(16).radiance(), None));
     bench.run("export out --to mitsuba").succeeds();
     assert_eq!(read("out/export/light.exr"), read("out/light.exr"));

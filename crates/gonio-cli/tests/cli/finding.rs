@@ -1,4 +1,5 @@
-//! Finding the object: before textures, in lossy files, of several, by masks of another size.
+//! Tests of object detection: textured backgrounds, JPEG files, several objects, and masks of
+//! another size.
 
 use glam::Vec3;
 use gonio::picture::{Picture, Plane};
@@ -7,19 +8,20 @@ use serde_json::Value;
 
 use crate::support::{Bench, SIZE, ball_of, exr};
 
-/// A number from 0 to 1 for each cell of a grid.
+/// Returns a pseudo-random number in 0..=1 for a cell of a grid.
 fn hashed(x: usize, y: usize) -> f32 {
     let mixed = (x as u32).wrapping_mul(0x9e37_79b1) ^ (y as u32).wrapping_mul(0x85eb_ca77);
     let mixed = (mixed ^ (mixed >> 15)).wrapping_mul(0x2c1b_3c6d);
     ((mixed ^ (mixed >> 13)) & 0xffff) as f32 / 65_535.0
 }
 
-/// Cells of 12 pixels, each of a grey of its own.
+/// Returns a background of 12 x 12 pixel cells with pseudo-random grey values.
 fn texture(x: usize, y: usize) -> Vec3 {
     Vec3::splat(0.02 + 0.06 * hashed(x / 12, y / 12))
 }
 
-/// Balls of a diameter of 200 pixels at these corners before a background of 500 x 300 pixels.
+/// Composites balls with a diameter of 200 pixels over a background of 500 x 300 pixels. `corners`
+/// are the top left corners of the balls.
 fn photograph(corners: &[(usize, usize)], behind: impl Fn(usize, usize) -> Vec3) -> Plane<Vec3> {
     let Picture { rgb, alpha } = ball_of(204);
     let alpha = alpha.unwrap();
@@ -32,7 +34,7 @@ fn photograph(corners: &[(usize, usize)], behind: impl Fn(usize, usize) -> Vec3)
     })
 }
 
-/// A JPEG file of quality 75, sRGB-coded.
+/// Encodes a picture as an sRGB JPEG file of quality 75.
 fn jpeg(rgb: &Plane<Vec3>) -> Vec<u8> {
     let coded = |v: f32| if v <= 0.003_130_8 { 12.92 * v } else { 1.055 * v.powf(1.0 / 2.4) - 0.055 };
     let code = |v: f32| (255.0 * coded(v.clamp(0.0, 1.0))).round() as u8;
@@ -58,7 +60,7 @@ fn assert_near(got: [f64; 3], want: [f64; 3]) {
 }
 
 #[test]
-fn a_ball_before_a_texture_is_found_and_how_sure_is_told() {
+fn detects_a_ball_on_a_texture_and_reports_the_confidence() {
     let bench = Bench::new();
     bench.write("ball.exr", &exr_of(photograph(&[(120, 50)], texture)));
     let run = bench.run("infer ball.exr -o out --grid 8").succeeds();
@@ -68,7 +70,7 @@ fn a_ball_before_a_texture_is_found_and_how_sure_is_told() {
     assert!(observations["sureness"]["support"].as_f64().unwrap() > 0.6, "{observations}");
     let run = bench.run("check ball.exr").succeeds();
     assert!(run.stdout.contains("detected by its edges: "), "{run:?}");
-    // A plain background needs no vote.
+    // On a plain background, the detection does not use edges.
     bench.write("plain.exr", &exr_of(photograph(&[(120, 50)], |_, _| Vec3::splat(0.05))));
     let run = bench.run("check plain.exr --json").succeeds();
     let found: Value = serde_json::from_str(&run.stdout).unwrap();
@@ -77,7 +79,7 @@ fn a_ball_before_a_texture_is_found_and_how_sure_is_told() {
 }
 
 #[test]
-fn the_losses_of_a_jpeg_file_are_no_obstacle() {
+fn detects_a_ball_in_a_jpeg_file() {
     let bench = Bench::new();
     let noisy = |x: usize, y: usize| Vec3::splat(0.02 + 0.002 * hashed(x, y));
     bench.write("ball.jpg", &jpeg(&photograph(&[(120, 50)], noisy).map(|v| 0.5 * *v)));
@@ -87,7 +89,7 @@ fn the_losses_of_a_jpeg_file_are_no_obstacle() {
 }
 
 #[test]
-fn where_it_is_not_sure_the_candidates_are_told_and_drawn() {
+fn lists_and_draws_candidates_of_ambiguous_detections() {
     let bench = Bench::new();
     bench.write("balls.exr", &exr_of(photograph(&[(20, 40), (260, 60)], texture)));
     let says = ["balls.exr: the ball was not reliably detected", "(1) --circle ", "(2) --circle ", "--mask FILE"];
@@ -95,14 +97,14 @@ fn where_it_is_not_sure_the_candidates_are_told_and_drawn() {
     let run = bench.run("check balls.exr").fails(&[&says[..], &["; see balls-check.png"]].concat());
     assert_eq!(bench.names("."), ["balls-check.png", "balls.exr"]);
     assert_eq!(&bench.read("balls-check.png")[1..4], b"PNG");
-    // What it says works.
+    // The suggested option works.
     let at = run.stderr.find("(1) ").unwrap() + 4;
     let option = run.stderr[at..].split([',', ';']).take(3).collect::<Vec<_>>().join(",");
     bench.run(&format!("check balls.exr {option}")).succeeds();
 }
 
 #[test]
-fn two_objects_are_called_two_objects() {
+fn reports_two_objects() {
     let bench = Bench::new();
     let card = |x: usize, y: usize| {
         let inside = (360..470).contains(&x) && (60..220).contains(&y);
@@ -122,7 +124,7 @@ fn two_objects_are_called_two_objects() {
 }
 
 #[test]
-fn what_is_no_ball_is_told_of_the_options_for_shapes() {
+fn suggests_options_for_shapes_other_than_balls() {
     let bench = Bench::new();
     let bar =
         |x: usize, y: usize| Vec3::splat(if (60..420).contains(&x) && (120..190).contains(&y) { 0.6 } else { 0.02 });
@@ -132,9 +134,9 @@ fn what_is_no_ball_is_told_of_the_options_for_shapes() {
 }
 
 #[test]
-fn a_mask_of_another_size_is_scaled() {
+fn scales_masks_of_another_size() {
     let bench = Bench::with_ball();
-    // The ball leaves two pixels of its picture free on each side.
+    // The photograph has a margin of two pixels around the ball.
     let white = |size: usize| {
         let (middle, radius) = (0.5 * size as f32, (0.5 - 2.0 / SIZE as f32) * size as f32);
         let inside = |x: usize, y: usize| (x as f32 + 0.5 - middle).hypot(y as f32 + 0.5 - middle) < radius;
@@ -155,9 +157,9 @@ fn a_mask_of_another_size_is_scaled() {
 }
 
 #[test]
-fn grey_rims_of_a_mask_are_left_out() {
+fn ignores_grey_rims_of_masks() {
     let bench = Bench::with_ball();
-    // Covered in the middle, by 0.9 beyond 14 pixels from it.
+    // The mask is 1 up to 14 pixels from the centre, and 0.9 from there to 22 pixels.
     let grey = Plane::from_fn(SIZE, SIZE, |x, y| {
         let off = (x as f32 - 23.5).hypot(y as f32 - 23.5);
         Vec3::splat(if off < 14.0 {
@@ -168,7 +170,7 @@ fn grey_rims_of_a_mask_are_left_out() {
             0.0
         })
     });
-    // Values of a mask are codes, never sRGB.
+    // Mask values are read as linear codes, not as sRGB.
     let bytes: Vec<u8> = grey.as_slice().iter().map(|v| (255.0 * v.x) as u8).collect();
     let mut png = std::io::Cursor::new(Vec::new());
     image::GrayImage::from_vec(SIZE as u32, SIZE as u32, bytes)

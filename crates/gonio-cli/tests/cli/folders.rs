@@ -1,5 +1,5 @@
-//! Folders of results: nothing stale in them, nothing of others touched, nothing left by a program
-//! that was told to end.
+//! Tests of result folders: gonio replaces earlier results, keeps all other files, and removes
+//! unfinished output.
 
 use std::process::{Child, Command, Stdio};
 use std::thread::sleep;
@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use crate::support::{Bench, SIZE, ball, exr, grey};
 
 #[test]
-fn new_results_take_the_place_of_earlier_ones() {
+fn new_results_replace_earlier_results() {
     let bench = Bench::with_ball();
     bench.write_answer("out");
     bench.write("out/report.html", b"old");
@@ -19,7 +19,7 @@ fn new_results_take_the_place_of_earlier_ones() {
     for name in ["report.html", "brdf_quantiles.npy", "posterior.json", "uncertainty.png"] {
         assert!(before.iter().any(|n| n == name), "{name} in {before:?}");
     }
-    // The paper's method knows neither quantiles nor a posterior of materials.
+    // The paper's method estimates neither quantiles nor a posterior of materials.
     bench.run("infer ball.exr -o out --grid 8 --method variational --starts 1").succeeds();
     let after = ["brdf.binary", "export", "light.exr", "notes.txt", "relit.png", "result.json", "summary.png"];
     assert_eq!(bench.names("out"), after);
@@ -28,7 +28,7 @@ fn new_results_take_the_place_of_earlier_ones() {
 }
 
 #[test]
-fn a_failure_leaves_earlier_results_as_they_are() {
+fn a_failure_keeps_earlier_results() {
     let bench = Bench::new();
     bench.write_answer("out");
     bench.write("black.exr", &grey(0.0, SIZE, SIZE));
@@ -36,7 +36,7 @@ fn a_failure_leaves_earlier_results_as_they_are() {
 }
 
 #[test]
-fn folders_of_regions_go_with_the_regions() {
+fn new_results_replace_folders_of_regions() {
     let bench = Bench::with_ball();
     bench.write("circles.exr", &exr(&ball()));
     bench.run("infer circles.exr -o out --grid 8 --circle 14,24,9 --circle 34,24,9").succeeds();
@@ -50,7 +50,7 @@ fn folders_of_regions_go_with_the_regions() {
 }
 
 #[test]
-fn new_exports_take_the_place_of_earlier_ones() {
+fn new_exports_replace_earlier_exports() {
     let bench = Bench::with_light_and_material();
     bench.run("export in.binary -o out --to ward,mitsuba").succeeds();
     bench.write("out/notes.txt", b"mine");
@@ -63,19 +63,19 @@ fn new_exports_take_the_place_of_earlier_ones() {
 }
 
 #[test]
-fn a_photograph_is_not_replaced_by_results() {
+fn results_do_not_overwrite_the_photograph() {
     let bench = Bench::with_ball();
     bench.write("light.exr", &exr(&ball()));
     bench.refuses("infer light.exr -o .", &["light.exr: results in . would overwrite this photograph"]);
 }
 
-/// Starts a long inference into `line`'s folder, and waits for its hidden folder in `dir`.
+/// Starts a long inference, and waits until its hidden folder exists in `dir`.
 fn started(bench: &Bench, line: &str, dir: &str) -> Child {
     let mut child = bench.command(line).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
     let start = Instant::now();
     while hidden(bench, dir).is_empty() {
-        assert!(start.elapsed() < Duration::from_secs(60), "no hidden folder");
-        assert!(child.try_wait().unwrap().is_none(), "it ended by itself");
+        assert!(start.elapsed() < Duration::from_secs(60), "no hidden folder was created");
+        assert!(child.try_wait().unwrap().is_none(), "the program ended before the signal");
         sleep(Duration::from_millis(5));
     }
     child
@@ -88,7 +88,7 @@ fn hidden(bench: &Bench, dir: &str) -> Vec<String> {
     bench.names(dir).into_iter().filter(|name| name.starts_with(".gonio-")).collect()
 }
 
-/// Sends a signal and returns the one that the program ended by.
+/// Sends a signal, and returns the signal that ended the program.
 #[cfg(unix)]
 fn told(child: &mut Child, signal: &str) -> Option<i32> {
     let sent = Command::new("kill").args([signal, &child.id().to_string()]).status().unwrap();
@@ -96,12 +96,12 @@ fn told(child: &mut Child, signal: &str) -> Option<i32> {
     std::os::unix::process::ExitStatusExt::signal(&child.wait().unwrap())
 }
 
-/// An inference that takes its time, and leaves the other processors to other tests.
+/// A long inference on one thread, which leaves the other processors to other tests.
 const LONG: &str = "infer ball.exr --method variational --solver printed --starts 1000 --grid 32 --threads 1 -o";
 
 #[cfg(unix)]
 #[test]
-fn a_program_that_is_told_to_end_leaves_nothing() {
+fn signals_remove_unfinished_output() {
     let bench = Bench::with_ball();
     let before = bench.tree();
     for (signal, number) in [("-INT", 2), ("-TERM", 15)] {
@@ -115,10 +115,10 @@ fn a_program_that_is_told_to_end_leaves_nothing() {
 
 #[cfg(unix)]
 #[test]
-fn the_next_run_removes_what_a_killed_one_left() {
+fn the_next_run_removes_output_of_a_killed_run() {
     let bench = Bench::with_ball();
     let mut child = started(&bench, &format!("{LONG} out"), ".");
-    // A run beside it leaves alone what is in use.
+    // A concurrent run keeps a hidden folder that is in use.
     bench.write_answer("done");
     bench.run("export done -o other --to ward").succeeds();
     assert_eq!(hidden(&bench, ".").len(), 1);

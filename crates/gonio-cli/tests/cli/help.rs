@@ -1,11 +1,11 @@
-//! Tests of what surrounds the commands: completions, manual pages, answers for programs.
+//! Tests of completions, manual pages, JSON output and the version.
 
 use std::process::Command;
 
 use crate::support::Bench;
 
 #[test]
-fn shells_take_the_completions() {
+fn prints_completions_of_each_shell() {
     let bench = Bench::new();
     for shell in ["bash", "zsh", "fish", "powershell", "elvish"] {
         let script = bench.run(&format!("completions {shell}")).succeeds().stdout;
@@ -22,7 +22,7 @@ fn shells_take_the_completions() {
 }
 
 #[test]
-fn every_command_has_a_page() {
+fn every_command_has_a_manual_page() {
     let bench = Bench::new();
     bench.run("man -o pages").succeeds();
     let names = bench.names("pages");
@@ -34,7 +34,7 @@ fn every_command_has_a_page() {
 }
 
 #[test]
-fn programs_get_one_object() {
+fn json_output_is_one_object() {
     let bench = Bench::with_ball();
     let object = |line: &str, code: i32| -> serde_json::Value {
         let run = bench.run(line);
@@ -54,7 +54,7 @@ fn programs_get_one_object() {
 }
 
 #[test]
-fn the_version_tells_terms_of_code_and_model_apart() {
+fn version_separates_the_licences_of_code_and_model() {
     let bench = Bench::new();
     let short = format!("gonio {}\n", env!("CARGO_PKG_VERSION"));
     assert_eq!(bench.run("-V").succeeds().stdout, short);

@@ -1,20 +1,20 @@
-//! Names and cells that would do something where they are shown: in a terminal, on a page, in a
-//! spreadsheet; and folders of results from strangers.
+//! Tests of malicious input: names with control characters, markup or formulas, and oversized files
+//! in result folders.
 
 use std::fs::File;
 
 use crate::support::{Bench, ball, exr};
 
-/// A name of a file that is markup, and that controls a terminal.
+/// File name with markup and terminal control characters.
 const NAME: &str = "<img src=x onerror=alert(1)>\u{1b}[31m\u{202e}&\"'.exr";
 
-/// Whether a text would do something to a terminal beyond lines of text.
+/// Whether a text contains control characters other than line feeds.
 fn controls(text: &str) -> bool {
     text.chars().any(|c| (c.is_control() && c != '\n') || c == '\u{202e}')
 }
 
 #[test]
-fn a_hostile_name_is_shown_and_does_nothing() {
+fn escapes_malicious_names() {
     let bench = Bench::new();
     bench.write(NAME, &exr(&ball()));
     let mut command = bench.command("infer --grid 8");
@@ -23,15 +23,15 @@ fn a_hostile_name_is_shown_and_does_nothing() {
     let said = String::from_utf8_lossy(&run.stdout).into_owned() + &String::from_utf8_lossy(&run.stderr);
     assert!(run.status.success() && said.contains("<img src=x"), "{said}");
     assert!(!controls(&said), "{said:?}");
-    // Beside the photograph.
+    // The default folder is beside the photograph.
     let folder = format!("{}-gonio", NAME.trim_end_matches(".exr"));
     let page = String::from_utf8(bench.read(&format!("{folder}/report.html"))).unwrap();
     assert!(page.contains("&lt;img src=x onerror=alert(1)&gt;") && !page.contains("<img src=x"));
-    assert!(!page.contains('\u{1b}'), "escape codes are no text");
+    assert!(!page.contains('\u{1b}'), "the page contains an escape code");
 }
 
 #[test]
-fn errors_and_warnings_name_a_hostile_file_without_its_codes() {
+fn errors_contain_no_control_characters() {
     let bench = Bench::new();
     bench.write("\u{1b}]0;x\u{7}.exr", b"no picture");
     let run = bench.command("check").arg("\u{1b}]0;x\u{7}.exr").output().unwrap();
@@ -40,11 +40,11 @@ fn errors_and_warnings_name_a_hostile_file_without_its_codes() {
 }
 
 #[test]
-fn cells_of_the_table_of_a_batch_are_no_formulas() {
+fn batch_table_contains_no_formulas() {
     let bench = Bench::with_ball();
     bench.write("list.csv", b"name,image,grid\n=1+1,=none.exr,8\none,ball.exr,8\n");
     assert_eq!(bench.run("batch list.csv -o out").code, Some(2));
-    // What a stranger's results say.
+    // The result contains a formula instead of the name of a material.
     let mut result = bench.json("out/one/result.json");
     result["posterior"]["materials"][0]["name"] = "@SUM(1+1)*cmd|' /C calc'!A0".into();
     bench.write("out/one/result.json", result.to_string().as_bytes());
@@ -55,10 +55,10 @@ fn cells_of_the_table_of_a_batch_are_no_formulas() {
 }
 
 #[test]
-fn results_of_strangers_are_read_within_limits() {
+fn limits_the_size_of_result_files() {
     let bench = Bench::with_ball();
     bench.run("batch ball.exr -o out").succeeds();
-    // Files of 8 TB that take no room, and JSON that is too deep.
+    // Sparse files of 8 TiB, and JSON with too many levels.
     let vast = |name: &str| File::create(bench.path(name)).unwrap().set_len(1 << 43).unwrap();
     vast("out/ball/result.json");
     bench.run("batch -o out --merge").succeeds();

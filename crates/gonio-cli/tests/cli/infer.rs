@@ -1,4 +1,4 @@
-//! `gonio infer` on good input.
+//! Tests of `gonio infer`.
 
 use gonio::lighting::studio_light;
 use gonio::reflectance::BivariateTable;
@@ -13,7 +13,7 @@ fn numbers(value: &serde_json::Value) -> Vec<f64> {
 }
 
 #[test]
-fn a_rendered_ball_becomes_a_brdf() {
+fn infers_the_brdf_of_a_rendered_ball() {
     let bench = Bench::new();
     bench.write("light.hdr", &encode_hdr(studio_light(64).radiance()));
     gonio_io::merl::write(bench.path("in.binary"), &merl(&material(0.1, 0.3))).unwrap();
@@ -53,7 +53,7 @@ fn a_rendered_ball_becomes_a_brdf() {
 }
 
 #[test]
-fn the_joint_maximum_is_found_in_an_existing_folder() {
+fn joint_map_writes_to_an_existing_folder() {
     let bench = Bench::with_ball();
     std::fs::create_dir(bench.path("out")).unwrap();
     bench.write("out/result.json", b"old");
@@ -65,7 +65,7 @@ fn the_joint_maximum_is_found_in_an_existing_folder() {
 }
 
 #[test]
-fn the_papers_estimate_takes_a_known_light_as_it_is() {
+fn known_light_basis_keeps_the_light() {
     let bench = Bench::with_ball();
     bench.write("light.hdr", &encode_hdr(studio_light(32).radiance()));
     let line = "infer ball.exr -o out --starts 1 --normals normals.npy --method known-light-basis --light light.hdr";
@@ -77,7 +77,7 @@ fn the_papers_estimate_takes_a_known_light_as_it_is() {
 }
 
 #[test]
-fn normals_and_a_mask_stand_in_for_a_sphere() {
+fn accepts_normals_and_a_mask() {
     let bench = Bench::new();
     bench.write("ball.exr", &gonio_io::picture::encode_exr(&ball().rgb, None));
     bench.write("normals.npy", &encode_normals(&normals(SIZE)));
@@ -91,11 +91,11 @@ fn normals_and_a_mask_stand_in_for_a_sphere() {
         assert_eq!(bench.names(form), OUTPUT);
     }
     assert!(bench.json("npy/result.json")["observations"]["circle"].is_null());
-    assert!(bench.read("npy/brdf.binary") == bench.read("exr/brdf.binary"), "another BRDF from the same normals");
+    assert!(bench.read("npy/brdf.binary") == bench.read("exr/brdf.binary"), "the same normals give another BRDF");
 }
 
 #[test]
-fn an_8_bit_picture_is_warned_of_unless_linear() {
+fn warns_about_8_bit_images_unless_linear() {
     let bench = Bench::with_ball();
     let picture = ball().rgb;
     let largest = picture.as_slice().iter().map(|p| p.max_element()).fold(0.0, f32::max);
@@ -109,7 +109,7 @@ fn an_8_bit_picture_is_warned_of_unless_linear() {
 }
 
 #[test]
-fn the_papers_version_takes_no_other_choice() {
+fn paper_conflicts_with_other_options() {
     let bench = Bench::with_ball();
     for other in ["--method map", "--solver blocks", "--grid 16", "--normals normals.npy"] {
         bench.refuses(&format!("infer ball.exr -o out --paper {other}"), &["--paper", "cannot be used with"]);
@@ -124,7 +124,7 @@ fn lit_ball() -> Bench {
 }
 
 #[test]
-fn a_light_that_is_given_is_used_without_a_method() {
+fn a_light_selects_the_known_light_method() {
     let bench = lit_ball();
     bench.run("infer ball.exr -o out --light light.hdr").succeeds();
     let result = bench.json("out/result.json");
@@ -139,7 +139,7 @@ fn a_light_that_is_given_is_used_without_a_method() {
 }
 
 #[test]
-fn lights_that_the_photograph_contradicts_are_refused_without_force() {
+fn rejects_contradicting_lights_without_force() {
     let bench = lit_ball();
     bench.write("lights.txt", b"# three lamps\n1 1 1 1 1 1\n-1 0.5 1 0.5 0.5 0.5\n0 -1 0.2 0.2 0.2 0.2\n");
     bench.refuses("infer ball.exr -o out --light lights.txt", &["unexplained", "--align-light", "--force"]);
@@ -151,7 +151,7 @@ fn lights_that_the_photograph_contradicts_are_refused_without_force() {
 }
 
 #[test]
-fn a_light_that_does_not_fit_is_refused() {
+fn rejects_invalid_lights() {
     let bench = lit_ball();
     bench.refuses("infer ball.exr -o out --light ball.exr", &["ball.exr", "twice as wide as high"]);
     bench.refuses("infer ball.exr -o out --light none.hdr", &["none.hdr: cannot open"]);

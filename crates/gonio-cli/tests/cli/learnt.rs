@@ -1,4 +1,4 @@
-//! `gonio infer` by its default method.
+//! Tests of `gonio infer` with its default method.
 
 use glam::Vec3;
 use gonio::model::Model;
@@ -22,7 +22,7 @@ const OUTPUT: [&str; 9] = [
 ];
 
 #[test]
-fn the_folder_holds_the_output_and_pictures_that_can_be_read() {
+fn writes_all_files_and_readable_pictures() {
     assert!(ANSWER.0.keys().eq(OUTPUT), "{:?}", ANSWER.0.keys());
     for name in ["relit.png", "summary.png", "uncertainty.png"] {
         decode(name.as_ref(), &ANSWER.0[name], &ReadOptions::default()).unwrap();
@@ -30,7 +30,7 @@ fn the_folder_holds_the_output_and_pictures_that_can_be_read() {
 }
 
 #[test]
-fn a_photograph_becomes_a_posterior_of_materials() {
+fn reports_the_posterior_of_materials() {
     let result = ANSWER.json("result.json");
     assert_eq!(result["method"], "learnt");
     let posterior = &result["posterior"];
@@ -51,7 +51,7 @@ fn a_photograph_becomes_a_posterior_of_materials() {
 }
 
 #[test]
-fn the_stages_take_the_whole_time() {
+fn seconds_of_the_stages_sum_to_the_total() {
     let result = ANSWER.json("result.json");
     let stages = ["model", "reading", "posterior", "transfer", "light", "colour", "drawing"];
     let seconds = |stage: &str| result["seconds"][stage].as_f64().unwrap();
@@ -60,7 +60,7 @@ fn the_stages_take_the_whole_time() {
 }
 
 #[test]
-fn the_brdf_has_its_albedo_and_its_quantiles_are_in_order() {
+fn albedo_is_one_half_and_quantiles_are_ordered() {
     let brdf = &ANSWER.0["brdf.binary"];
     let brdf = gonio_io::merl::decode("brdf.binary".as_ref(), &brdf[..], brdf.len() as u64).unwrap();
     let luminance = BivariateTable::luminance(&[0, 1, 2].map(|c| brdf.bivariate(c)));
@@ -74,7 +74,7 @@ fn the_brdf_has_its_albedo_and_its_quantiles_are_in_order() {
 }
 
 #[test]
-fn a_model_without_a_posterior_is_refused_but_by_other_methods() {
+fn rejects_models_without_a_posterior() {
     let bench = Bench::with_ball();
     let model = Model { learnt: None, ..gonio_io::model::embedded().unwrap() };
     bench.write("bare.model", &gonio_io::model::encode_model(&model));
@@ -83,7 +83,7 @@ fn a_model_without_a_posterior_is_refused_but_by_other_methods() {
 }
 
 #[test]
-fn half_a_ball_is_warned_of() {
+fn warns_about_half_a_ball() {
     let bench = Bench::with_ball();
     let whole = normals(SIZE);
     let half = Plane::from_fn(SIZE, SIZE, |x, y| if x > SIZE / 2 { Vec3::ZERO } else { whole[(x, y)] });

@@ -1,4 +1,4 @@
-//! `gonio light`.
+//! Tests of `gonio light`.
 
 use glam::{DQuat, DVec3, Vec3};
 use gonio::lighting::{EnvironmentMap, studio_light};
@@ -17,7 +17,7 @@ fn far() -> MirrorBall {
     MirrorBall::of_circle(Circle { x: 103.0, y: 94.0, radius: 80.0 }, SIZE).unwrap()
 }
 
-/// Exact photograph of a mirror ball from a camera that went around it by some degrees.
+/// Renders a mirror ball exactly, from a camera that is rotated around the ball by `degrees`.
 fn photograph(ball: &MirrorBall, light: &EnvironmentMap, degrees: f64) -> Picture {
     let turn = DQuat::from_rotation_y(degrees.to_radians());
     let mirror = Reflectance::new([0.6; 3]).unwrap();
@@ -39,8 +39,8 @@ fn photograph(ball: &MirrorBall, light: &EnvironmentMap, degrees: f64) -> Pictur
     Picture { rgb: plane(rgb), alpha: Some(Plane::from_vec(SIZE.0, SIZE.1, alpha)) }
 }
 
-/// A dim room with a red lamp at the right, a blue one above, a green one beside the camera and a
-/// white one far behind at the left.
+/// Returns the light of a dim room with a red lamp on the right, a blue one above, a green one
+/// beside the camera, and a white one at the back left.
 fn room() -> EnvironmentMap {
     let lamps = [
         (DVec3::X, Vec3::X),
@@ -69,7 +69,7 @@ fn map(bench: &Bench, name: &str) -> EnvironmentMap {
 }
 
 #[test]
-fn a_mirror_ball_becomes_a_light() {
+fn converts_a_mirror_ball_to_a_light() {
     let bench = bench();
     let run = bench.run("light chrome.exr -o probe.exr --reflectance 0.6").succeeds();
     assert!(
@@ -88,7 +88,7 @@ fn a_mirror_ball_becomes_a_light() {
     if let Ok(folder) = std::env::var("GONIO_LIGHT_PICTURES") {
         std::fs::copy(bench.path("probe.light.png"), format!("{folder}/one.png")).unwrap();
     }
-    // Without its reflectance the ball is taken for a perfect mirror; rows are as asked for.
+    // The default reflectance is 1; `--rows` sets the size of the map.
     bench.run("light chrome.exr -o dim.exr --circle 103,94,80 --rows 32").succeeds();
     let dim = map(&bench, "dim.exr");
     assert_eq!(dim.radiance().size(), (64, 32));
@@ -96,7 +96,7 @@ fn a_mirror_ball_becomes_a_light() {
 }
 
 #[test]
-fn two_views_make_one_light() {
+fn combines_two_views() {
     let bench = bench();
     let line = "light chrome.exr --second side.exr -o probe.exr --reflectance 0.6 --json";
     let found: serde_json::Value = serde_json::from_str(&bench.run(line).succeeds().stdout).unwrap();
@@ -118,7 +118,7 @@ fn two_views_make_one_light() {
 }
 
 #[test]
-fn a_near_ball_is_unwrapped_with_its_camera() {
+fn unwraps_a_near_ball_with_its_camera() {
     let bench = Bench::new();
     let camera = Camera::new(Projection::Perspective { focal: 400.0 }, (100.0, 95.0), SIZE).unwrap();
     let ball = MirrorBall::new(camera, DVec3::new(0.02, -0.01, -1.0), 0.2).unwrap();
@@ -130,7 +130,7 @@ fn a_near_ball_is_unwrapped_with_its_camera() {
 }
 
 #[test]
-fn the_light_serves_an_inference() {
+fn infers_a_brdf_with_the_light() {
     let bench = Bench::new();
     let light = studio_light(128);
     bench.write("light.hdr", &encode_hdr(light.radiance()));
@@ -145,7 +145,7 @@ fn the_light_serves_an_inference() {
         BivariateTable::luminance(&[0, 1, 2].map(|c| brdf.bivariate(c)))
     };
     let (exact, unwrapped) = (found("light.hdr", "exact"), found("probe.exr", "out"));
-    // Within 80 degrees of both angles, beyond which nothing is observed.
+    // Cells with both angles below 80 degrees; cells beyond are not observed.
     let cells = (0..84).flat_map(|h| (0..80).map(move |d| THETA_D * h + d));
     let squares = cells.map(|cell| f64::from((unwrapped.as_slice()[cell] / exact.as_slice()[cell]).ln()).powi(2));
     let off = (squares.sum::<f64>() / (84.0 * 80.0)).sqrt();
@@ -153,14 +153,14 @@ fn the_light_serves_an_inference() {
 }
 
 #[test]
-fn what_is_odd_is_told() {
+fn warns_about_clipped_and_matte_balls() {
     let bench = bench();
     let mut clipped = photograph(&far(), &room(), 0.0);
     clipped.rgb = clipped.rgb.map(|v| v.min(Vec3::splat(5.0)));
     bench.write("clipped.exr", &exr(&clipped));
     let run = bench.run("light clipped.exr -o probe.exr").succeeds();
     assert!(run.stderr.contains("clipped.exr: ") && run.stderr.contains("pixels on the ball are clipped"), "{run:?}");
-    // Matte: the light of a smooth shading.
+    // The smooth shading of a matte ball.
     let matte = Plane::from_fn(SIZE.0, SIZE.1, |x, y| {
         let seen = far().reflection_at((x as f64 + 0.5, y as f64 + 0.5));
         Vec3::splat(seen.map_or(0.0, |seen| 0.2 + seen.normal.dot(DVec3::new(0.5, 0.6, 0.6)).max(0.0) as f32))
@@ -171,7 +171,7 @@ fn what_is_odd_is_told() {
 }
 
 #[test]
-fn bad_input_is_refused_and_leaves_nothing() {
+fn rejects_invalid_input_without_output() {
     let bench = bench();
     let wavy = Plane::from_fn(64, 64, |x, y| Vec3::splat((1 + x + 100 * y) as f32));
     bench.write("wall.exr", &encode_exr(&wavy, None));

@@ -1,4 +1,5 @@
-//! Tests of the program: its output for good input, one line and nothing else for bad input.
+//! Tests of the program: its output for valid input, and one-line errors without output for invalid
+//! input.
 
 #![allow(missing_docs)]
 

@@ -1,4 +1,4 @@
-//! `gonio merge`, and `gonio infer` on exposures.
+//! Tests of `gonio merge`, and of `gonio infer` with exposures.
 
 use std::io::Cursor;
 use std::sync::LazyLock;
@@ -16,10 +16,10 @@ use crate::support::{Bench, exr, material, merl};
 
 /// Side of the picture.
 const SIDE: usize = 128;
-/// Seconds of the exposures, as fractions.
+/// Reciprocals of the exposure times, in 1/s.
 const TIMES: [u32; 6] = [512, 128, 32, 8, 2, 1];
 
-/// A glossy ball in front of a dim wall: a range of light as in a photograph.
+/// A glossy ball in front of a dim wall, with the dynamic range of a photograph.
 static SCENE: LazyLock<Picture> = LazyLock::new(|| {
     let settings = SphereSettings { size: SIDE, ..SphereSettings::default() };
     let light = LightTree::of_map(&studio_light(32));
@@ -30,18 +30,19 @@ static SCENE: LazyLock<Picture> = LazyLock::new(|| {
         ball.rgb[(x, y)] * tint + (1.0 - alpha[(x, y)]) * Vec3::new(2e-3, 3e-3, 4e-3) * (0.5 + x as f32 / 40.0)
     });
     let largest = rgb.as_slice().iter().fold(0.0, |a: f32, v| a.max(v.max_element()));
-    // The brightest hundredth clips in the shortest exposure.
+    // The brightest pixels are clipped in the shortest exposure.
     let scale = 1.6 * TIMES[0] as f32 / largest;
     Picture { rgb: rgb.map(|v| scale * *v), alpha: Some(alpha) }
 });
 
-/// Exposure 0..=1 to code 0..=1 of a camera whose channels are not alike and not sRGB.
+/// Maps an exposure in 0..=1 to a code in 0..=1. The curves of the channels differ, and none is
+/// sRGB.
 fn camera(channel: usize, exposure: f32) -> f32 {
     let c = exposure.clamp(0.0, 1.0).powf([1.0 / 2.0, 1.0 / 2.4, 1.0 / 1.8][channel]);
     0.7 * c + 0.3 * c * c * (3.0 - 2.0 * c)
 }
 
-/// The camera's curves as `--response` takes them.
+/// Encodes the curves of the camera for `--response`.
 fn curves() -> String {
     let invert = |channel: usize, code: f64| {
         let (mut low, mut high) = (0.0_f64, 1.0);
@@ -64,7 +65,7 @@ fn expose(scene: &Plane<Vec3>, seconds: f32) -> RgbImage {
     RgbImage::from_vec(scene.width() as u32, scene.height() as u32, codes.collect()).unwrap()
 }
 
-/// EXIF data with a time of 1/`fraction` seconds, and what else the camera was set to.
+/// Encodes EXIF data with an exposure time of 1/`fraction` seconds.
 fn exif(fraction: u32, orientation: u16, iso: Option<u16>) -> Vec<u8> {
     let entry = |tag: u16, kind: u16, value: u32| {
         let mut bytes = [tag.to_le_bytes(), kind.to_le_bytes()].concat();
@@ -76,7 +77,7 @@ fn exif(fraction: u32, orientation: u16, iso: Option<u16>) -> Vec<u8> {
     bytes.extend(entry(0x112, 3, orientation.into()));
     bytes.extend(entry(0x8769, 4, 38));
     bytes.extend(0_u32.to_le_bytes());
-    // The second directory, at 38: entries, then the rational.
+    // The second directory is at offset 38: its entries, then the rational number.
     let count = 1 + u16::from(iso.is_some());
     bytes.extend(count.to_le_bytes());
     let end = 38 + 2 + 12 * u32::from(count) + 4;
@@ -104,8 +105,8 @@ fn jpeg(image: &RgbImage, exif: Vec<u8>) -> Vec<u8> {
     bytes
 }
 
-/// A bench with the exposures 0.png ... 5.png, 0.jpg ... 5.jpg, 0.tif ... 5.tif (without times),
-/// and curve.csv.
+/// Creates a bench with the exposures 0.png ... 5.png, 0.jpg ... 5.jpg, 0.tif ... 5.tif (without
+/// exposure times) and curve.csv. Also returns the scene.
 fn bench() -> (Bench, &'static Picture) {
     let (bench, scene) = (Bench::new(), &*SCENE);
     for (i, fraction) in TIMES.iter().enumerate() {
@@ -128,8 +129,8 @@ fn read(bench: &Bench, name: &str) -> Decoded {
     decode(name.as_ref(), &bench.read(name), &ReadOptions::default()).unwrap()
 }
 
-/// Relative errors of all channels of pixels that are not clipped, in order; each channel on its
-/// best scale if it is free.
+/// Returns the sorted relative errors of all channels of the unclipped pixels. If `free_scale`,
+/// each channel is divided by its median ratio first.
 fn errors(got: &Decoded, scene: &Plane<Vec3>, free_scale: bool) -> Vec<f32> {
     let level = got.full_scale.unwrap();
     let known = || got.picture.rgb.as_slice().iter().zip(scene.as_slice()).filter(|(v, _)| v.max_element() < level);
@@ -149,7 +150,7 @@ fn at(sorted: &[f32], part: f64) -> f32 {
 }
 
 #[test]
-fn brackets_come_back_as_the_radiance_they_were_taken_of() {
+fn merged_brackets_reproduce_the_radiance() {
     let (bench, scene) = bench();
     let times = "--times 1/512,1/128,1/32,1/8,1/2,1";
     for (name, line, free_scale, part, bound) in [
@@ -168,14 +169,14 @@ fn brackets_come_back_as_the_radiance_they_were_taken_of() {
         assert!(run.stdout.contains(&format!("6 exposures, {SIDE}x{SIDE} pixels; ")), "{run:?}");
         gonio_io::picture::read_response(bench.path(&format!("{name}.csv"))).unwrap();
     }
-    // The saved curve gives the same picture as the one recovered.
+    // The saved curve gives the same picture as the recovered curve.
     bench.run(&format!("merge {} -o again.exr --response png-recovered.csv", names("png"))).succeeds();
     let (a, b) = (read(&bench, "again.exr").picture.rgb, read(&bench, "png-recovered.exr").picture.rgb);
     assert!(a.as_slice().iter().zip(b.as_slice()).all(|(a, b)| (*a - *b).length() <= 1e-5 * a.length()));
 }
 
 #[test]
-fn clipped_pixels_are_left_out_and_counted_by_infer() {
+fn infer_ignores_and_counts_clipped_pixels() {
     let (bench, scene) = bench();
     let white = scene.alpha.as_ref().unwrap().map(|a| Vec3::splat(*a));
     bench.write("mask.png", &gonio_io::picture::encode_png(&white));
@@ -192,7 +193,7 @@ fn clipped_pixels_are_left_out_and_counted_by_infer() {
 }
 
 #[test]
-fn bad_brackets_are_refused() {
+fn rejects_invalid_brackets() {
     let (bench, scene) = bench();
     let image = expose(&scene.rgb, 0.125);
     bench.write("untimed.png", &png(&image, None));
@@ -241,7 +242,7 @@ fn bad_brackets_are_refused() {
         &["hdr.exr: exposure times apply only to several exposures"],
     );
     bench.refuses("infer hdr.exr --black-level 5 -o out", &["hdr.exr: a black level"]);
-    // Nothing is left where the second file cannot be written.
+    // If the second file cannot be written, the first is removed.
     bench.refuses(
         "merge 2.png 3.png --response curve.csv --save-response full.csv/x.csv -o out.exr",
         &["full.csv/x.csv"],
@@ -249,10 +250,10 @@ fn bad_brackets_are_refused() {
 }
 
 #[test]
-fn black_level_and_flat_field_are_taken_off() {
+fn corrects_black_level_and_flat_field() {
     let (bench, scene) = bench();
     let grey = |v: f32| Plane::from_fn(SIDE, SIDE, |_, _| Vec3::splat(v));
-    // A linear picture of 16 bits on a pedestal, seen through a lens that darkens the corners.
+    // A linear 16-bit picture with a black level of 4096 and vignetting.
     let shade = |x: usize, y: usize| 1.0 - 0.5 * ((x as f32 - 64.0).hypot(y as f32 - 64.0) / 91.0).powi(2);
     let largest = scene.rgb.as_slice().iter().fold(0.0, |a: f32, v| a.max(v.max_element()));
     let plane = Plane::from_fn(SIDE, SIDE, |x, y| 0.9 * scene.rgb[(x, y)] / largest * shade(x, y));

@@ -1,4 +1,4 @@
-//! Pictures as they come: negative and missing values, and parts of another colour.
+//! Tests of photographs with negative values, NaN values, and parts of another colour.
 
 use std::sync::LazyLock;
 
@@ -9,12 +9,12 @@ use gonio_io::picture::{ReadOptions, read};
 
 use crate::support::{Bench, ball_of, encode_normals, exr, normals};
 
-/// Large enough for some hundreds of bad pixels.
+/// Side of the pictures, large enough for some hundreds of faulty pixels.
 const SIZE: usize = 128;
 
 static BALL: LazyLock<Picture> = LazyLock::new(|| ball_of(SIZE));
 
-/// 500 pixels slightly negative and 20 NaN, spread over the ball.
+/// Returns the ball with 500 slightly negative pixels and 20 NaN pixels, spread over the ball.
 fn spoilt() -> Picture {
     let mut picture = BALL.clone();
     let inside = normals(SIZE);
@@ -26,7 +26,7 @@ fn spoilt() -> Picture {
 }
 
 #[test]
-fn negative_and_missing_pixels_are_left_out_and_told() {
+fn ignores_and_reports_negative_and_nan_pixels() {
     let bench = Bench::new();
     bench.write("clean.exr", &exr(&BALL));
     bench.write("spoilt.exr", &exr(&spoilt()));
@@ -56,7 +56,7 @@ fn negative_and_missing_pixels_are_left_out_and_told() {
 }
 
 #[test]
-fn what_is_mostly_missing_is_refused_with_the_numbers() {
+fn rejects_mostly_faulty_photographs() {
     let bench = Bench::new();
     let bad = |value: f32| {
         let mut picture = BALL.clone();
@@ -80,7 +80,7 @@ fn what_is_mostly_missing_is_refused_with_the_numbers() {
 }
 
 #[test]
-fn paint_is_left_out_unless_it_is_wanted() {
+fn ignores_paint_unless_colours_are_kept() {
     let bench = Bench::new();
     let size = 128;
     let inside = normals(size);

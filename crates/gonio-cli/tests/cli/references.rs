@@ -1,4 +1,4 @@
-//! References in the picture: colour of the light and scale of the BRDF.
+//! Tests of neutral references, which determine the colour of the light and the scale of the BRDF.
 
 use std::f64::consts::PI;
 
@@ -13,18 +13,19 @@ use gonio::sphere::OctahedralMap;
 
 use crate::support::{Bench, SIZE, ball, exr, material, merl};
 
-/// Colour of the light, of luminance one or so.
+/// Colour of the light, with a luminance near 1.
 const LIGHT: Vec3 = Vec3::new(1.5, 1.0, 0.55);
 
-/// Reflectance of the ball over that of its material, which reflects more light than it gets.
+/// Factor on the reflectance of the ball. Without it, the ball reflects more light than it
+/// receives.
 const DARKER: f32 = 0.3;
 
-/// Distance of the patches of the chart, pixels.
+/// Distance of the patches of the chart, in pixels.
 const PITCH: usize = 12;
 
 const CIRCLE: &str = "--circle 24,24,22.08";
 
-/// Radiance of a white surface that faces the camera in the light of the ball.
+/// Returns the radiance of a white surface that faces the camera in the light of the ball.
 fn white() -> Vec3 {
     let settings = SphereSettings { size: SIZE, ..SphereSettings::default() };
     let matte = merl(&BivariateTable::from_fn(|_, _| PI.recip()));
@@ -32,8 +33,9 @@ fn white() -> Vec3 {
     ball.rgb[(SIZE / 2, SIZE / 2)] * LIGHT
 }
 
-/// The ball in coloured light with something beside it, whose reflectance is `beside` of a pixel
-/// counted from the right edge of the ball's picture.
+/// Renders the ball in coloured light, and to the right of it a surface of `width` pixels. `beside`
+/// returns the reflectance of a pixel of this surface; its x counts from the edge of the ball's
+/// picture.
 fn scene(width: usize, beside: impl Fn(usize, usize) -> Option<Vec3>) -> Picture {
     let (ball, white) = (ball(), white());
     let rgb = Plane::from_fn(SIZE + width, SIZE.max(4 * PITCH + 20), |x, y| {
@@ -47,12 +49,12 @@ fn scene(width: usize, beside: impl Fn(usize, usize) -> Option<Vec3>) -> Picture
     Picture { rgb, alpha: None }
 }
 
-/// A patch of a reflectance beside the ball.
+/// Renders the ball beside a patch of a reflectance.
 fn patch(reflectance: f32) -> Picture {
     scene(40, |x, y| ((5..35).contains(&x) && (10..40).contains(&y)).then_some(Vec3::splat(reflectance)))
 }
 
-/// A chart beside the ball.
+/// Renders the ball beside a chart.
 fn chart() -> Picture {
     let colours = patch_colours();
     scene(6 * PITCH + 20, |x, y| {
@@ -66,7 +68,8 @@ fn chart() -> Picture {
     })
 }
 
-/// Chroma of the light and normal albedo with its interval in a folder of results.
+/// Reads the chroma of the light, and the albedo at normal incidence with its interval, from a
+/// folder of results.
 fn reference(bench: &Bench, folder: &str) -> ([f64; 2], f64, [f64; 2]) {
     let result = bench.json(&format!("{folder}/result.json"));
     let number = |pointer: &str| result.pointer(pointer).and_then(serde_json::Value::as_f64).unwrap();
@@ -83,7 +86,7 @@ fn finds_light_and_albedo(bench: &Bench, folder: &str) {
     assert!((chroma[0] - want[0]).abs() < 0.02 && (chroma[1] - want[1]).abs() < 0.02, "{chroma:?} {want:?}");
     let truth = f64::from(DARKER) * material(0.1, 0.3).normal_albedo();
     assert!(low < truth && truth < high, "{albedo} ({low} to {high}), {truth}");
-    // The BRDF that is written has this albedo, and the light goes with it.
+    // The BRDF file has this albedo, and the light has the matching scale.
     let written = bench.luminance(folder).normal_albedo();
     assert!((written / albedo - 1.0).abs() < 1e-3, "{written} {albedo}");
     let map = gonio::lighting::EnvironmentMap::new(
@@ -95,7 +98,7 @@ fn finds_light_and_albedo(bench: &Bench, folder: &str) {
 }
 
 #[test]
-fn a_patch_or_a_chart_fixes_colour_and_scale() {
+fn patches_and_charts_determine_colour_and_scale() {
     let bench = Bench::new();
     bench.write("white.exr", &exr(&patch(0.9)));
     bench.write("grey.exr", &exr(&patch(0.3)));
@@ -117,7 +120,7 @@ fn a_patch_or_a_chart_fixes_colour_and_scale() {
     }
     let checked = bench.run(&format!("check chart.exr {CIRCLE} --color-checker")).succeeds();
     assert!(checked.stdout.contains("colour chart: light of colour 1."), "{checked:?}");
-    // Without the scale the albedo stays.
+    // Without a scale, the albedo is the default.
     bench
         .run(&format!("infer white.exr -o colour {CIRCLE} --grid 8 --white 68,25,12 --reference-color-only"))
         .succeeds();
@@ -126,7 +129,7 @@ fn a_patch_or_a_chart_fixes_colour_and_scale() {
 }
 
 #[test]
-fn references_that_cannot_be_used_are_refused() {
+fn rejects_unusable_references() {
     let bench = Bench::new();
     bench.write("white.exr", &exr(&patch(0.9)));
     let clipped = patch(0.9);

@@ -1,4 +1,4 @@
-//! `gonio infer` on bad input.
+//! Tests of `gonio infer` with invalid input.
 
 use std::fs;
 
@@ -8,7 +8,7 @@ use gonio::picture::{Picture, Plane};
 use crate::support::{Bench, SIZE, ball, encode_normals, exr, grey, normals};
 
 #[test]
-fn bad_photographs_are_refused() {
+fn rejects_invalid_photographs() {
     let bench = Bench::with_ball();
     let good = bench.read("ball.exr");
     bench.write("short.exr", &good[..good.len() * 2 / 3]);
@@ -43,7 +43,7 @@ fn bad_photographs_are_refused() {
 }
 
 #[test]
-fn help_and_version_are_no_errors() {
+fn help_and_version_succeed() {
     let bench = Bench::new();
     for line in ["--help", "--version", "infer --help", "train lighting --help"] {
         let run = bench.run(line).succeeds();
@@ -54,19 +54,19 @@ fn help_and_version_are_no_errors() {
 
 #[cfg(unix)]
 #[test]
-fn unreadable_photographs_are_refused() {
+fn rejects_unreadable_photographs() {
     use std::os::unix::fs::PermissionsExt;
     let bench = Bench::with_ball();
     fs::set_permissions(bench.path("ball.exr"), fs::Permissions::from_mode(0o000)).unwrap();
     if fs::read(bench.path("ball.exr")).is_ok() {
-        eprintln!("skipped: this user may read everything");
+        eprintln!("skipped: this user has permission to read all files");
         return;
     }
     bench.refuses("infer ball.exr -o out", &["ball.exr: cannot open", "check the permissions"]);
 }
 
 #[test]
-fn bad_masks_are_refused() {
+fn rejects_invalid_masks() {
     let bench = Bench::with_ball();
     bench.write("empty.exr", &grey(0.0, SIZE, SIZE));
     bench.write("full.exr", &grey(1.0, SIZE, SIZE));
@@ -98,7 +98,7 @@ fn bad_masks_are_refused() {
 }
 
 #[test]
-fn bad_normals_are_refused() {
+fn rejects_invalid_normals() {
     let bench = Bench::with_ball();
     let good = normals(SIZE);
     bench.write("small.npy", &encode_normals(&normals(SIZE / 2)));
@@ -123,7 +123,7 @@ fn bad_normals_are_refused() {
     bench.refuses("infer ball.exr -o out --normals normals.npy --circle 9,9,9", &["--circle", "--normals"]);
 }
 
-/// The embedded model with `old` replaced by `new`, of the same length.
+/// Encodes the embedded model with `old` replaced by `new`, which has the same length.
 fn edited_model(old: &str, new: &str) -> Vec<u8> {
     let mut bytes = gonio_io::model::encode_model(&gonio_io::model::embedded().unwrap());
     let at = bytes.windows(old.len()).position(|w| w == old.as_bytes()).unwrap();
@@ -132,7 +132,7 @@ fn edited_model(old: &str, new: &str) -> Vec<u8> {
 }
 
 #[test]
-fn bad_models_are_refused() {
+fn rejects_invalid_models() {
     let bench = Bench::with_ball();
     bench.write("future.model", &edited_model("\"version\":\"1\"", "\"version\":\"2\""));
     bench.write("kind.model", &edited_model("\"kind\":\"model\"", "\"kind\":\"medal\""));
@@ -153,7 +153,7 @@ fn bad_models_are_refused() {
 }
 
 #[test]
-fn bad_lights_and_options_are_refused() {
+fn rejects_invalid_lights_and_options() {
     let bench = Bench::with_ball();
     bench.write("square.exr", &grey(1.0, 8, 8));
     bench.write("wide.exr", &grey(1.0, 17, 8));
@@ -191,7 +191,7 @@ fn bad_lights_and_options_are_refused() {
 }
 
 #[test]
-fn folders_that_cannot_be_made_are_refused() {
+fn rejects_folders_that_cannot_be_created() {
     let bench = Bench::with_ball();
     bench.write("file", b"x");
     bench.refuses("infer ball.exr -o file", &["file: cannot create the folder", "a file with this name exists"]);

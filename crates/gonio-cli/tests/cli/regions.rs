@@ -1,4 +1,4 @@
-//! Several materials in one photograph.
+//! Tests of photographs with several materials.
 
 use glam::Vec3;
 use gonio::picture::{Picture, Plane};
@@ -6,7 +6,7 @@ use gonio_io::picture::encode_png;
 
 use crate::support::{Bench, SIZE, ball, exr};
 
-/// Two balls of the sample side by side, one of them darker.
+/// Returns two copies of the ball side by side; the right one is 0.4 times as bright.
 fn two_balls() -> Picture {
     let one = ball();
     let at = |x: usize| if x < SIZE { (x, 1.0) } else { (x - SIZE, 0.4) };
@@ -20,7 +20,7 @@ fn labels(width: usize, height: usize) -> Vec<u8> {
 }
 
 #[test]
-fn balls_that_do_not_touch_are_told_apart() {
+fn separates_balls_that_do_not_touch() {
     let bench = Bench::new();
     bench.write("balls.exr", &exr(&two_balls()));
     bench.run("infer balls.exr -o out --grid 8").succeeds();
@@ -30,11 +30,11 @@ fn balls_that_do_not_touch_are_told_apart() {
     for name in ["1", "2"] {
         assert!(bench.names(&format!("out/{name}")).contains(&"brdf.binary".to_owned()));
     }
-    // One light tells that one is 0.4 times as bright as the other.
+    // Under one light, the relative albedo of the darker ball is 0.4.
     let albedo = |at: usize| result["regions"][at]["relative_albedo"].as_f64().unwrap();
     let (low, high) = (albedo(0).min(albedo(1)), albedo(0).max(albedo(1)));
     assert!((low - 0.4).abs() < 0.04 && high == 1.0, "{low} {high}");
-    // Again into the same folder, with a circle for each.
+    // Specified circles give the same files in the same folder.
     let (half, radius) = (SIZE as f64 / 2.0, SIZE as f64 / 2.0 - 2.0);
     let circles = format!("--circle {half},{half},{radius} --circle {},{half},{radius}", half + SIZE as f64);
     bench.run(&format!("infer balls.exr -o out --grid 8 {circles}")).succeeds();
@@ -52,7 +52,7 @@ fn labels_name_the_regions() {
 }
 
 #[test]
-fn labels_that_are_none_are_refused() {
+fn rejects_invalid_labels() {
     let bench = Bench::with_ball();
     bench.write("small.png", &labels(SIZE / 2, SIZE));
     bench.write("black.png", &encode_png(&Plane::from_fn(SIZE, SIZE, |_, _| Vec3::ZERO)));
@@ -70,10 +70,10 @@ fn labels_that_are_none_are_refused() {
 }
 
 #[test]
-fn what_is_no_ball_beside_one_is_left_out() {
+fn ignores_other_objects_beside_a_ball() {
     let bench = Bench::new();
     let one = ball();
-    // A board beside the ball, smaller than it.
+    // A board beside the ball, smaller than the ball.
     let board = |x: usize, y: usize| (SIZE + 4..SIZE + 20).contains(&x) && (8..24).contains(&y);
     let beside = |x: usize, y: usize| f32::from(u8::from(board(x, y)));
     let rgb = Plane::from_fn(2 * SIZE, SIZE, |x, y| if x < SIZE { one.rgb[(x, y)] } else { Vec3::splat(beside(x, y)) });
@@ -87,7 +87,7 @@ fn what_is_no_ball_beside_one_is_left_out() {
 }
 
 #[test]
-fn a_mask_of_another_size_is_refused_for_regions_too() {
+fn rejects_masks_of_another_aspect_ratio() {
     let bench = Bench::with_ball();
     bench.write("small.png", &encode_png(&Plane::from_fn(SIZE / 2, SIZE, |_, _| Vec3::ONE)));
     bench.write("labels.png", &labels(SIZE, SIZE));

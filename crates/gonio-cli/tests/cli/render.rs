@@ -1,11 +1,11 @@
-//! `gonio render`.
+//! Tests of `gonio render`.
 
 use gonio_io::picture::{ReadOptions, read};
 
 use crate::support::{Bench, grey};
 
 #[test]
-fn pictures_have_the_size_asked_for() {
+fn pictures_have_the_specified_size() {
     let bench = Bench::with_light_and_material();
     for (name, size) in [("a.exr", 33), ("a.png", 40)] {
         bench.run(&format!("render --brdf in.binary --light light.hdr -o {name} --size {size}")).succeeds();
@@ -17,7 +17,7 @@ fn pictures_have_the_size_asked_for() {
 }
 
 #[test]
-fn bad_input_is_refused() {
+fn rejects_invalid_input() {
     let bench = Bench::with_light_and_material();
     let good = bench.read("in.binary");
     bench.write("short.binary", &good[..good.len() / 2]);

@@ -1,4 +1,4 @@
-//! The page that `gonio infer` writes.
+//! Tests of the report of `gonio infer`.
 
 use std::fs;
 use std::sync::LazyLock;
@@ -9,23 +9,23 @@ use serde_json::Value;
 
 use crate::support::Bench;
 
-/// Runs that write the page; others leave it out for speed.
+/// Environment of runs that write the report. Other runs do not write it, for speed.
 const WITH_REPORT: [(&str, &str); 1] = [("GONIO_NO_REPORT", "false")];
 
-/// Every quoted value of an attribute.
+/// Returns all values of an attribute.
 fn attributes<'a>(page: &'a str, name: &str) -> Vec<&'a str> {
     let start = format!(" {name}=\"");
     page.split(&start).skip(1).map(|rest| rest.split('"').next().unwrap()).collect()
 }
 
-/// The data of the sphere to turn.
+/// Returns the data of the interactive sphere.
 fn sphere(page: &str) -> Value {
     let from = page.split("id=\"sphere-data\"").nth(1).unwrap();
     let text = from.split_once('>').unwrap().1.split("</script>").next().unwrap();
     serde_json::from_str(text).unwrap()
 }
 
-/// Whether NaN stands in the page as a word; encoded pictures may hold the same letters.
+/// Whether the page contains the word NaN; encoded pictures can contain the same letters.
 fn says_nan(page: &str) -> bool {
     let within = |c: Option<char>| c.is_some_and(|c| c.is_ascii_alphanumeric() || c == '+' || c == '/');
     page.match_indices("NaN").any(|(at, word)| {
@@ -38,10 +38,10 @@ fn names(list: &Value) -> Vec<&str> {
     list.as_array().unwrap().iter().map(|entry| entry["name"].as_str().unwrap()).collect()
 }
 
-/// The page of the ball, and the result that it shows.
+/// The report of the ball, and its `result.json`.
 static PAGE: LazyLock<(String, Value)> = LazyLock::new(|| {
     let bench = Bench::with_ball();
-    // A name that would break out of text or attributes.
+    // This name would end a text or an attribute if it were not escaped.
     let name = "<b>&\"x.exr";
     fs::rename(bench.path("ball.exr"), bench.path(name)).unwrap();
     bench.run_with(&format!("infer {name} -o out --grid 8"), &WITH_REPORT).succeeds();
@@ -49,7 +49,7 @@ static PAGE: LazyLock<(String, Value)> = LazyLock::new(|| {
 });
 
 #[test]
-fn a_result_comes_with_a_page_that_needs_nothing_else() {
+fn the_report_is_self_contained() {
     let page = &PAGE.0;
     assert!((500_000..4_000_000).contains(&page.len()), "{} bytes", page.len());
     for source in attributes(page, "src") {
@@ -63,9 +63,9 @@ fn a_result_comes_with_a_page_that_needs_nothing_else() {
 }
 
 #[test]
-fn the_page_has_its_sections_and_says_what_each_picture_shows() {
+fn the_report_has_all_sections_and_alt_texts() {
     let page = &PAGE.0;
-    // Those of the maps lie in drawings, which call the address of a picture otherwise.
+    // The pictures of maps are in SVG elements, which use `href` instead of `src`.
     let maps = attributes(page, "href").into_iter().filter(|link| link.starts_with("data:image")).count();
     assert!(maps == 2 && attributes(page, "src").len() + maps >= 13);
     assert!(attributes(page, "alt").iter().all(|words| words.len() > 10));
@@ -79,7 +79,7 @@ fn the_page_has_its_sections_and_says_what_each_picture_shows() {
 }
 
 #[test]
-fn what_the_result_says_the_page_says() {
+fn the_report_contains_materials_and_warnings() {
     let (page, result) = &*PAGE;
     let data = sphere(page);
     assert_eq!(names(&data["materials"]).len(), 3);
@@ -100,7 +100,7 @@ fn what_the_result_says_the_page_says() {
 }
 
 #[test]
-fn the_page_of_a_known_light_says_nothing_of_what_it_does_not_know() {
+fn the_report_of_a_known_light_omits_the_uncertainty() {
     let bench = Bench::with_ball();
     bench.write("light.hdr", &encode_hdr(studio_light(32).radiance()));
     let line = "infer ball.exr -o out --starts 1 --normals normals.npy --method known-light-basis --light light.hdr";

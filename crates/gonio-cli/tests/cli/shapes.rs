@@ -1,4 +1,4 @@
-//! Shapes other than a ball: meshes, depths, ellipsoids, cameras in perspective.
+//! Tests of shapes other than balls: meshes, depth maps, ellipsoids, and perspective cameras.
 
 use std::sync::LazyLock;
 
@@ -11,8 +11,8 @@ use serde_json::Value;
 
 use crate::support::{Bench, SIZE, encode_normals, grey, normals};
 
-/// A bowl, its picture in the light and of the material of the bench, and what `gonio infer` makes
-/// of it.
+/// A bowl, its picture in the light and with the material of the bench, and the result of
+/// `gonio infer`.
 struct Bowl {
     ply: Vec<u8>,
     picture: Vec<u8>,
@@ -31,7 +31,7 @@ static BOWL: LazyLock<Bowl> = LazyLock::new(|| {
     Bowl { ply, picture: bench.read("bowl.exr"), answer: bench.json("out/result.json"), said }
 });
 
-/// A bench with a light, a material and a bowl, which is pictured in `bowl.exr`.
+/// Creates a bench with a light, a material, the mesh `bowl.ply` and its picture `bowl.exr`.
 fn with_bowl() -> Bench {
     let bench = Bench::with_light_and_material();
     bench.write("bowl.ply", &BOWL.ply);
@@ -40,7 +40,7 @@ fn with_bowl() -> Bench {
 }
 
 #[test]
-fn a_mesh_is_drawn_with_its_shadows() {
+fn renders_a_mesh_with_self_shadowing() {
     let bench = with_bowl();
     let picture = |name: &str| read(bench.path(name), &ReadOptions::default()).unwrap().picture;
     bench.run(&format!("{RENDER} --no-shadows -o open.exr")).succeeds();
@@ -51,7 +51,7 @@ fn a_mesh_is_drawn_with_its_shadows() {
 }
 
 #[test]
-fn a_mesh_is_found_again_better_with_its_shadows_than_without() {
+fn self_shadowing_reduces_the_misfit_of_a_mesh() {
     let (bench, result) = (with_bowl(), &BOWL.answer);
     let observations = &result["observations"];
     assert_eq!(observations["visibility"]["hidden"], true, "{observations}");
@@ -61,13 +61,13 @@ fn a_mesh_is_found_again_better_with_its_shadows_than_without() {
     bench.run("infer bowl.exr --mesh bowl.ply -o plain --grid 8 --no-shadows").succeeds();
     let plain = bench.json("plain/result.json");
     assert_eq!(plain["posterior"]["unshadowed"], 0.0);
-    // What is hidden explains the picture.
+    // Self-shadowing explains a part of the picture.
     let misfit = |r: &Value| r["noise"]["misfit"].as_f64().unwrap();
     assert!(misfit(result) < 0.8 * misfit(&plain), "{} {}", misfit(result), misfit(&plain));
 }
 
 #[test]
-fn a_known_light_explains_the_picture_better_with_shadows() {
+fn self_shadowing_reduces_the_misfit_under_a_known_light() {
     let bench = with_bowl();
     let run = "infer bowl.exr --mesh bowl.ply --light light.hdr --align-light fixed";
     bench.run(&format!("{run} -o out")).succeeds();
@@ -78,7 +78,7 @@ fn a_known_light_explains_the_picture_better_with_shadows() {
 }
 
 #[test]
-fn normals_with_depths_shadow_themselves() {
+fn normals_with_depths_have_self_shadowing() {
     let bench = with_bowl();
     let mesh = Form::Bowl.mesh(30).unwrap();
     let (centre, radius) = mesh.bounds();
@@ -87,7 +87,7 @@ fn normals_with_depths_shadow_themselves() {
     let buffer = GeometryBuffer::of(&surface, &camera);
     let gonio::shape::Projection::Orthographic { pixels_per_unit } = camera.projection else { panic!("orthographic") };
     bench.write("normals.npy", &encode_normals(&buffer.normals));
-    // In pixels, as is the rule without a camera.
+    // Without a camera, depths are in pixels.
     let depths =
         buffer.distances.as_slice().iter().map(|d| if d.is_finite() { d * pixels_per_unit as f32 } else { 0.0 });
     bench.write("depth.npy", &npy::encode(&npy::Array { shape: vec![64, 64], values: depths.collect() }));
@@ -104,7 +104,7 @@ fn normals_with_depths_shadow_themselves() {
 }
 
 #[test]
-fn flipped_normals_are_named_and_put_right() {
+fn detects_and_corrects_flipped_normals() {
     let bench = Bench::with_ball();
     let write = |name: &str, f: fn(&Vec3) -> Vec3| bench.write(name, &encode_normals(&normals(SIZE).map(f)));
     write("flipped.npy", |n| Vec3::new(n.x, -n.y, n.z));
@@ -119,7 +119,7 @@ fn flipped_normals_are_named_and_put_right() {
     assert!(trusted.stderr.contains("y flipped"), "{trusted:?}");
 }
 
-/// A picture of a smooth function of the normals of a surface.
+/// Encodes a picture of a smooth function of the normals of a surface.
 fn picture(surface: &dyn Surface, camera: &Camera) -> Vec<u8> {
     let buffer = GeometryBuffer::of(surface, camera);
     let colour =
@@ -129,7 +129,7 @@ fn picture(surface: &dyn Surface, camera: &Camera) -> Vec<u8> {
 }
 
 #[test]
-fn ellipsoids_and_balls_in_perspective_are_fitted() {
+fn fits_ellipsoids_and_balls_in_perspective() {
     let bench = Bench::new();
     let camera = Camera::framing(DVec3::ZERO, 1.0, (90, 90), 0.05).unwrap();
     let axes = glam::DMat3::from_diagonal(DVec3::new(0.95, 0.6, 0.7));
@@ -158,7 +158,7 @@ fn ellipsoids_and_balls_in_perspective_are_fitted() {
 }
 
 #[test]
-fn a_posed_mesh_before_a_camera_is_drawn_and_found_where_it_is() {
+fn renders_and_infers_a_posed_mesh() {
     let bench = with_bowl();
     bench.write("pose.json", br#"{"translation": [10, 0, 0], "rotation_degrees": [0, 20, 0], "scale": 3}"#);
     let camera = br#"{"projection": "perspective", "fov_y_degrees": 30, "pose": {"position": [10, 2, 16], "look_at": [10, 0, 0]}}"#;
@@ -175,7 +175,7 @@ fn a_posed_mesh_before_a_camera_is_drawn_and_found_where_it_is() {
     assert!((0.2..0.8).contains(&covered), "{covered}");
     bench.run(&format!("infer posed.exr {shape} -o out --grid 8")).succeeds();
     assert_eq!(bench.json("out/result.json")["observations"]["shape"]["projection"]["kind"], "perspective");
-    // Somewhere else in the picture.
+    // This pose places the mesh elsewhere in the picture.
     bench.write("moved.json", br#"{"translation": [12.5, 0, 0], "scale": 2}"#);
     bench.refuses(
         "infer posed.exr --mesh bowl.ply --pose moved.json --camera camera.json -o x",
@@ -189,7 +189,7 @@ fn a_posed_mesh_before_a_camera_is_drawn_and_found_where_it_is() {
 }
 
 #[test]
-fn bad_shapes_are_refused() {
+fn rejects_invalid_shapes() {
     let bench = with_bowl();
     let ply = bench.read("bowl.ply");
     bench.write("short.ply", &ply[..ply.len() / 2]);
@@ -227,11 +227,11 @@ fn bad_shapes_are_refused() {
 }
 
 #[test]
-fn odd_meshes_are_used_with_a_warning() {
+fn warns_about_unusual_meshes() {
     let bench = with_bowl();
     let mesh = Form::Bowl.mesh(30).unwrap();
     let text = String::from_utf8(encode_obj(&mesh)).unwrap();
-    // Inside out, without normals, with a triangle too many and one without an area.
+    // All triangles face inwards, normals are missing, and one triangle has no area.
     let lines = text.lines().filter(|l| !l.starts_with("vn")).map(|l| match l.strip_prefix("f ") {
         Some(corners) => {
             let mut at: Vec<&str> = corners.split_whitespace().map(|c| c.split('/').next().unwrap()).collect();
@@ -242,13 +242,13 @@ fn odd_meshes_are_used_with_a_warning() {
     });
     let odd = lines.collect::<String>() + "f 1 1 2\n";
     bench.write("odd.obj", odd.as_bytes());
-    // The other methods see the same.
+    // The paper's methods also print these warnings.
     let run = bench.run("infer bowl.exr --mesh odd.obj -o out --method variational --starts 1 --grid 8").succeeds();
     for says in ["odd.obj: the mesh of", "1 triangles with zero area", "facing inwards"] {
         assert!(run.stderr.contains(says), "{says}: {run:?}");
     }
     assert!(!BOWL.said.contains("mesh"), "{}", BOWL.said);
-    // The same pixels are seen, from the back; only slivers may be of another mind.
+    // The same pixels show the mesh, now its inside; a few pixels at thin triangles may differ.
     let (odd, want) = (&bench.json("out/result.json")["observations"], &BOWL.answer["observations"]);
     assert_eq!(odd["visibility"]["hidden"], true);
     let count = |of: &Value, what: [&str; 2]| of[what[0]][what[1]].as_f64().unwrap();
@@ -258,7 +258,7 @@ fn odd_meshes_are_used_with_a_warning() {
 }
 
 #[test]
-fn shapes_of_our_own_need_no_file() {
+fn renders_built_in_meshes() {
     let bench = Bench::with_light_and_material();
     for form in ["blob", "bunny"] {
         bench

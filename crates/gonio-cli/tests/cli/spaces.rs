@@ -1,4 +1,4 @@
-//! `--colorspace` and `--output-colorspace`.
+//! Tests of `--colorspace` and `--output-colorspace`.
 
 use glam::Vec3;
 use gonio::picture::Picture;
@@ -8,13 +8,13 @@ use gonio_io::picture::{ExrOptions, ReadOptions, SpaceSource, encode_exr_in, enc
 
 use crate::support::{Bench, ball};
 
-/// A ball of one colour in linear Rec. 709.
+/// Returns a ball of one colour in linear Rec. 709.
 fn tinted() -> Picture {
     let Picture { rgb, alpha } = ball();
     Picture { rgb: rgb.map(|v| *v * Vec3::new(1.3, 0.9, 0.6)), alpha }
 }
 
-/// The ball in ACEScg, without or with chromaticities.
+/// Encodes the ball in ACEScg, with chromaticities if `stated`.
 fn in_aces(stated: bool) -> Vec<u8> {
     let Picture { rgb, alpha } = tinted();
     let rgb = rgb.map(|v| ColourSpace::AcesCg.encode(*v));
@@ -22,7 +22,7 @@ fn in_aces(stated: bool) -> Vec<u8> {
     encode_exr_with(&rgb, &ExrOptions { alpha: alpha.as_ref(), clip_level: None, space })
 }
 
-/// Largest relative difference of two tables within 70 degrees.
+/// Returns the largest relative difference of two tables in the first 60 rows and columns.
 fn difference(a: &BivariateTable, b: &BivariateTable) -> f32 {
     let cells = (0..60).flat_map(|i| (0..60).map(move |j| (i, j)));
     cells.map(|(i, j)| (a.cell(i, j) / b.cell(i, j) - 1.0).abs()).fold(0.0, f32::max)
@@ -48,7 +48,7 @@ fn a_photograph_in_acescg_gives_the_same_brdf() {
         assert!(difference(&given[channel], &plain[channel]) < 1e-3, "{channel}");
     }
     assert!(difference(&wrong[2], &plain[2]) > 0.1);
-    // The results in ACEScg are those of Rec. 709 by the ACES matrix.
+    // The ACES matrix converts the results in ACEScg to those in Rec. 709.
     let out = bench.channels("out");
     let cell = |tables: &[BivariateTable; 3]| Vec3::from([0, 1, 2].map(|c| tables[c].cell(20, 20)));
     let back = ColourSpace::AcesCg.to_rec709().as_mat3() * cell(&out);
@@ -73,7 +73,7 @@ fn a_photograph_in_acescg_gives_the_same_brdf() {
         );
     }
 
-    // Exports read the space of the results, and state their own.
+    // `gonio export` reads the space of the results, and states the space of each export.
     bench.run("export out --to merl,mtlx --output-colorspace rec2020").succeeds();
     let summary = bench.json("out/export/export.json");
     assert_eq!(summary["exports"]["merl"]["colorspace"], "rec2020");
@@ -83,7 +83,7 @@ fn a_photograph_in_acescg_gives_the_same_brdf() {
 }
 
 #[test]
-fn commands_that_read_light_maps_take_a_space() {
+fn light_maps_have_a_colour_space() {
     let bench = Bench::with_light_and_material();
     let light = gonio::lighting::studio_light(16).radiance().map(|v| *v * Vec3::new(1.0, 0.7, 0.4));
     bench.write("light.hdr", &encode_hdr(&light));
@@ -94,7 +94,7 @@ fn commands_that_read_light_maps_take_a_space() {
     bench.run("render --brdf in.binary --light stated.exr -o c.exr --size 24").succeeds();
     let centre = |name: &str| read(bench.path(name), &ReadOptions::default()).unwrap().picture.rgb[(12, 12)];
     for name in ["b.exr", "c.exr"] {
-        // Radiance files keep 1 part in 256.
+        // Radiance HDR files have a relative precision of 1/256.
         assert!((centre(name) / centre("a.exr") - Vec3::ONE).abs().max_element() < 0.02, "{name}: {}", centre(name));
     }
     bench.refuses("render --brdf in.binary --light light.hdr --colorspace cmyk -o d.exr", &["'cmyk'", "acescg"]);

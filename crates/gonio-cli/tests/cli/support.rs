@@ -1,4 +1,4 @@
-//! Running the program, and small scenes to run it on.
+//! Runs the program, and creates small scenes for it.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -17,7 +17,7 @@ use gonio_io::picture::encode_hdr;
 /// Side of the pictures of the ball.
 pub(crate) const SIZE: usize = 48;
 
-/// How a run of the program ended.
+/// Exit code and output of a run of the program.
 #[derive(Debug)]
 pub(crate) struct Run {
     pub(crate) code: Option<i32>,
@@ -37,14 +37,14 @@ impl Run {
         self
     }
 
-    /// Exit code 2 and one line that says each of `says`.
+    /// Asserts exit code 2 and one line on standard error that contains each of `says`.
     #[track_caller]
     pub(crate) fn fails(self, says: &[&str]) -> Self {
         assert_eq!(self.code, Some(2), "{self:?}");
         assert_eq!(self.stdout, "");
         let lines: Vec<&str> = self.stderr.lines().collect();
         assert!(lines.len() == 1 && lines[0].starts_with("error: "), "{self:?}");
-        assert!(says.iter().all(|s| lines[0].contains(s)), "{says:?} are in {self:?}");
+        assert!(says.iter().all(|s| lines[0].contains(s)), "{self:?} does not contain all of {says:?}");
         self
     }
 }
@@ -57,7 +57,7 @@ impl Bench {
         Self(tempfile::tempdir_in(env!("CARGO_TARGET_TMPDIR")).unwrap())
     }
 
-    /// A bench with the ball as `ball.exr` with alpha, and its normals as `normals.npy`.
+    /// Creates a bench with the ball as `ball.exr` with alpha, and its normals as `normals.npy`.
     pub(crate) fn with_ball() -> Self {
         let bench = Self::new();
         bench.write("ball.exr", &exr(&ball()));
@@ -65,7 +65,7 @@ impl Bench {
         bench
     }
 
-    /// A bench with a light as `light.hdr` and a material as `in.binary`.
+    /// Creates a bench with a light as `light.hdr` and a material as `in.binary`.
     pub(crate) fn with_light_and_material() -> Self {
         let bench = Self::new();
         bench.write("light.hdr", &encode_hdr(studio_light(16).radiance()));
@@ -97,35 +97,34 @@ impl Bench {
         serde_json::from_slice(&self.read(name)).unwrap()
     }
 
-    /// Runs `gonio` with the words of `line` as arguments. Plans are kept for all tests.
+    /// Runs `gonio` with the words of `line` as arguments. All tests share a cache of plans.
     pub(crate) fn run(&self, line: &str) -> Run {
         self.run_with(line, &[])
     }
 
-    /// Runs the program with variables of the environment.
+    /// Runs the program with environment variables.
     pub(crate) fn run_with(&self, line: &str, environment: &[(&str, &str)]) -> Run {
         Run::of(&self.command(line).envs(environment.iter().copied()).output().unwrap())
     }
 
-    /// Runs the program with a file as its standard input.
+    /// Runs the program with a file as standard input.
     pub(crate) fn run_reading(&self, line: &str, file: &str) -> Run {
         Run::of(&self.command(line).stdin(fs::File::open(self.path(file)).unwrap()).output().unwrap())
     }
 
-    /// The program with the words of `line` as arguments.
+    /// Creates the command with the words of `line` as arguments.
     pub(crate) fn command(&self, line: &str) -> Command {
         let mut command = Command::new(env!("CARGO_BIN_EXE_gonio"));
         command
             .args(line.split_whitespace())
             .current_dir(self.0.path())
-            // A page takes longer than all the rest; report.rs asks for it.
+            // The report takes longer than everything else; the tests in report.rs enable it.
             .env("GONIO_NO_REPORT", "true")
             .env("GONIO_CACHE_DIR", Path::new(env!("CARGO_TARGET_TMPDIR")).join("plans"));
         command
     }
 
-    /// Runs `gonio`, which refuses, says each of `says` in one line, and leaves the folder as it
-    /// was.
+    /// Runs `gonio`, and asserts that it [fails](Run::fails) and does not change the folder.
     #[track_caller]
     pub(crate) fn refuses(&self, line: &str, says: &[&str]) {
         let before = self.tree();
@@ -133,7 +132,7 @@ impl Bench {
         assert_eq!(self.tree(), before, "{line}");
     }
 
-    /// Everything in the folder, hidden files included, with the length of files.
+    /// Lists everything below the folder, including hidden files, with the lengths of files.
     pub(crate) fn tree(&self) -> BTreeMap<PathBuf, u64> {
         fn walk(dir: &Path, into: &mut BTreeMap<PathBuf, u64>) {
             for entry in fs::read_dir(dir).unwrap() {
@@ -150,7 +149,7 @@ impl Bench {
         tree
     }
 
-    /// Names in a folder, sorted.
+    /// Lists the names in a folder, sorted.
     pub(crate) fn names(&self, dir: &str) -> Vec<String> {
         let name = |e: std::io::Result<fs::DirEntry>| e.unwrap().file_name().into_string().unwrap();
         let mut names: Vec<String> = fs::read_dir(self.path(dir)).unwrap().map(name).collect();
@@ -158,17 +157,17 @@ impl Bench {
         names
     }
 
-    /// The files of a folder by name.
+    /// Reads the files of a folder.
     pub(crate) fn files(&self, dir: &str) -> Files {
         Files(self.names(dir).into_iter().map(|name| (name.clone(), self.read(&format!("{dir}/{name}")))).collect())
     }
 
-    /// The luminance of the BRDF in a folder.
+    /// Reads the luminance of the BRDF in a folder.
     pub(crate) fn luminance(&self, dir: &str) -> BivariateTable {
         BivariateTable::luminance(&self.channels(dir))
     }
 
-    /// The channels of the BRDF in a folder.
+    /// Reads the channels of the BRDF in a folder.
     pub(crate) fn channels(&self, dir: &str) -> [BivariateTable; 3] {
         let brdf = gonio_io::merl::read(self.path(dir).join("brdf.binary")).unwrap();
         [0, 1, 2].map(|c| brdf.bivariate(c))
@@ -185,14 +184,14 @@ impl Files {
     }
 }
 
-/// What `gonio infer` makes of the ball, asked once for all tests.
+/// Output of `gonio infer` for the ball, which all tests share.
 pub(crate) static ANSWER: LazyLock<Files> = LazyLock::new(|| {
     let bench = Bench::with_ball();
     bench.run("infer ball.exr -o out --grid 8").succeeds();
     bench.files("out")
 });
 
-/// A diffuse material with a highlight whose width is given in radians.
+/// Returns a diffuse material with a highlight; `width` is in radians.
 pub(crate) fn material(diffuse: f64, width: f64) -> BivariateTable {
     BivariateTable::from_fn(|h, d| diffuse + 0.8 * (1.0 + d) * (-(h / width).powi(2)).exp())
 }
@@ -201,14 +200,14 @@ pub(crate) fn merl(table: &BivariateTable) -> MerlTable {
     MerlTable::from_bivariate([table, table, table])
 }
 
-/// A photograph of a ball: alpha around it, and noise of two per cent, without which the inference
-/// would take its time.
+/// Returns a photograph of a ball with alpha and noise of two per cent. Without noise, the
+/// inference would take longer.
 pub(crate) fn ball() -> Picture {
     static BALL: LazyLock<Picture> = LazyLock::new(|| ball_of(SIZE));
     BALL.clone()
 }
 
-/// The ball on pictures of another size.
+/// Returns the photograph of the ball with another size.
 pub(crate) fn ball_of(size: usize) -> Picture {
     let settings = SphereSettings { size, ..SphereSettings::default() };
     let light = LightTree::of_map(&studio_light(32));
@@ -227,7 +226,8 @@ pub(crate) fn grey(value: f32, width: usize, height: usize) -> Vec<u8> {
     gonio_io::picture::encode_exr(&Plane::from_fn(width, height, |_, _| Vec3::splat(value)), None)
 }
 
-/// Normals of a ball that fills `size` by `size` pixels but for the margin of the renderer.
+/// Returns the normals of a ball that fills `size` x `size` pixels except for the renderer's
+/// margin.
 pub(crate) fn normals(size: usize) -> Plane<Vec3> {
     let (centre, radius) = (0.5 * size as f64, SphereSettings { size, ..SphereSettings::default() }.radius());
     Plane::from_fn(size, size, |x, y| {
@@ -242,7 +242,7 @@ pub(crate) fn encode_normals(normals: &Plane<Vec3>) -> Vec<u8> {
     npy::encode(&npy::Array { shape: vec![normals.height(), normals.width(), 3], values })
 }
 
-/// White on the ball.
+/// Encodes a mask that is white on the ball.
 pub(crate) fn mask(size: usize) -> Vec<u8> {
     let white = |n: &Vec3| if *n == Vec3::ZERO { Vec3::ZERO } else { Vec3::ONE };
     gonio_io::picture::encode_png(&normals(size).map(white))

@@ -1,4 +1,4 @@
-//! `gonio train`.
+//! Tests of `gonio train`.
 
 use gonio::lighting::studio_light;
 use gonio::reflectance::{CELLS, THETA_D, THETA_H};
@@ -7,7 +7,7 @@ use gonio_io::picture::encode_hdr;
 
 use crate::support::{Bench, grey, material, merl};
 
-/// Three lights in `lights`.
+/// Writes three lights to the folder `lights`.
 pub(crate) fn lights(bench: &Bench) {
     std::fs::create_dir(bench.path("lights")).unwrap();
     for (i, turn) in [0, 5, 11].into_iter().enumerate() {
@@ -20,7 +20,7 @@ pub(crate) fn lights(bench: &Bench) {
     }
 }
 
-/// Three materials in `materials`.
+/// Writes three materials to the folder `materials`.
 pub(crate) fn materials(bench: &Bench) {
     std::fs::create_dir(bench.path("materials")).unwrap();
     for (name, diffuse, width) in [("matt", 0.3, 0.6), ("satin", 0.2, 0.3), ("gloss", 0.05, 0.3)] {
@@ -30,7 +30,7 @@ pub(crate) fn materials(bench: &Bench) {
 }
 
 #[test]
-fn a_model_is_learnt_joined_and_used() {
+fn trains_joins_and_uses_a_model() {
     let bench = Bench::with_ball();
     lights(&bench);
     materials(&bench);
@@ -63,7 +63,7 @@ fn a_model_is_learnt_joined_and_used() {
 }
 
 #[test]
-fn lights_that_cannot_be_learnt_from_are_refused() {
+fn rejects_unsuitable_lights() {
     let bench = Bench::new();
     std::fs::create_dir(bench.path("empty")).unwrap();
     let line = |rest: &str| format!("train lighting -o x.model --turns 2 {rest}");
@@ -89,7 +89,7 @@ fn lights_that_cannot_be_learnt_from_are_refused() {
 }
 
 #[test]
-fn materials_that_cannot_be_learnt_from_are_refused() {
+fn rejects_unsuitable_materials() {
     let bench = Bench::new();
     std::fs::create_dir(bench.path("empty")).unwrap();
     let line = |rest: &str| format!("train reflectance -o x.model --restarts 1 {rest}");
@@ -118,18 +118,18 @@ fn materials_that_cannot_be_learnt_from_are_refused() {
     bench.refuses(&line("set --rank 1"), &["set/bivariate_rgb_f32.npy", "shape"]);
 }
 
-/// The lights of `tools/cc0_lights.txt`.
+/// Returns the names in `tools/cc0_lights.txt`.
 fn cc0_lights() -> Vec<&'static str> {
     include_str!("../../../../tools/cc0_lights.txt").lines().filter(|line| !line.starts_with('#')).collect()
 }
 
 #[test]
-fn the_lights_for_commercial_models_are_stated_to_be_cc0() {
+fn lights_for_commercial_models_are_cc0() {
     let text = include_str!("../../../gonio-io/model/PROVENANCE.md");
     let (_, poly_haven) = text.split_once("**Poly Haven").unwrap();
     let (poly_haven, others) = poly_haven.split_once("**sIBL").unwrap();
     assert!(poly_haven.contains("CC0"));
-    // Each item is a source and its lights; of a series the first has the whole name.
+    // Each item is a source and its lights. Only the first light of a series has its full name.
     let items: Vec<String> = poly_haven.split("\n* ").skip(1).map(str::to_owned).collect();
     let mut stated = Vec::new();
     for item in items.iter().filter(|item| !item.contains("open3d")) {
@@ -151,11 +151,11 @@ fn the_lights_for_commercial_models_are_stated_to_be_cc0() {
     assert_eq!(cc0_lights().len(), 51);
 }
 
-/// The script with a program in place of gonio that writes down what it is given: training takes
-/// too long for a test.
+/// Runs the script with a substitute for gonio that records its input, because training takes too
+/// long for a test.
 #[cfg(unix)]
 #[test]
-fn a_commercial_model_is_built_of_the_listed_lights_alone() {
+fn commercial_model_uses_only_the_listed_lights() {
     use std::os::unix::fs::PermissionsExt;
     use std::process::Command;
     let bench = Bench::new();

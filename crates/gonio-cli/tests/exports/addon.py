@@ -1,12 +1,12 @@
-"""Installs the add-on for Blender from a zip file, and finds materials with it in scenes without a window.
+"""Installs the Blender add-on from a zip file, and estimates materials with it in scenes, without a window.
 
     python3 addon.py GONIO BALL [PICTURES]
 
-GONIO is the program, BALL a photograph of a ball (samples/ball.exr), PICTURES a folder for pictures to look at. Needs the package bpy (Blender 4.2 or later as a
-module) and numpy, which comes with it. Ends with 1 if anything is not as it should be.
+GONIO is the program, BALL a photograph of a ball (samples/ball.exr), and PICTURES a folder for the pictures. Requires the package bpy (Blender 4.2 or later as a
+module) and numpy, which bpy installs. The exit code is 1 if a check fails.
 
-The second photograph is one that `gonio render` makes of a mesh and a camera whose numbers are written here, once for gonio and once for Blender, so that what the
-add-on takes from the scene is compared with numbers that it did not make. Cycles has a picture of the scene to say the same of the outline.
+`gonio render` renders the second photograph from a mesh and a camera. Their parameters are specified here twice, for gonio and for Blender, which tests the parameters
+that the add-on reads from the scene independently of the add-on. The outline is also compared with a rendering by Cycles.
 """
 
 import contextlib
@@ -20,7 +20,7 @@ import time
 import types
 from pathlib import Path
 
-# Nothing of the user's own Blender is read or changed.
+# Do not read or change the user's Blender settings.
 SCRATCH = tempfile.TemporaryDirectory()
 os.environ["BLENDER_USER_RESOURCES"] = str(Path(SCRATCH.name) / "blender")
 
@@ -30,18 +30,18 @@ import numpy as np
 SOURCE = Path(__file__).resolve().parents[4] / "tools" / "blender" / "gonio"
 ADDON = "bl_ext.user_default.gonio"
 
-# The camera: away from the origin, turned about all axes, with a shifted lens and a sensor that is fitted to the height of a picture that is wider than high.
+# The camera: away from the origin, rotated about all axes, with a shifted lens and a sensor that is fitted to the height of a wide picture.
 SIZE = (320, 240)
 PLACE, TURN = (5.0, -3.2, 2.6), (63.0, 7.0, 52.0)
 FOCAL, SENSOR = 60.0, 24.0
 SHIFT = (0.06, -0.08)
-# The object: turned, and scaled by three numbers one of which mirrors.
+# The object: rotated, and scaled differently along each axis, including a reflection.
 LOCATION, ROTATION, SCALE = (-0.1, 0.5, -0.9), (-25.0, 20.0, 75.0), (-0.8, 1.0, 0.7)
 
-# Root mean square difference of logarithms of a picture that Cycles makes of what was found from the photograph: what the Principled BSDF and a light of 32 x 32
-# texels leave, where the photograph shows the object.
+# Limit of the root mean square difference of log luminance between the photograph and a rendering of the estimates by Cycles, on the object. It allows for the errors
+# of the Principled BSDF and of a light of 32 x 32 texels.
 LIMIT = 0.3
-# Pixels of both outlines over those of either.
+# Smallest ratio of the intersection and the union of two outlines.
 OVERLAP = 0.99
 
 failed = []
@@ -55,7 +55,7 @@ def check(what, good):
 
 @contextlib.contextmanager
 def silent():
-    """Keeps what Cycles tells of its progress from standard output."""
+    """Suppresses the progress messages of Cycles on standard output."""
     sys.stdout.flush()
     kept, nothing = os.dup(1), os.open(os.devnull, os.O_WRONLY)
     os.dup2(nothing, 1)
@@ -72,7 +72,7 @@ def gonio(*arguments):
 
 
 def install(folder):
-    """Makes the zip file with Blender's own tool and installs it as people do."""
+    """Builds the zip file with Blender's tool and installs it."""
     archive = folder / "gonio.zip"
     tool = Path(bpy.utils.system_resource("SCRIPTS")) / "addons_core" / "bl_pkg" / "cli" / "blender_ext.py"
     subprocess.run([sys.executable, tool, "build", "--source-dir", SOURCE, "--output-filepath", archive], check=True)
@@ -81,13 +81,13 @@ def install(folder):
 
 
 def empty():
-    """A scene without anything."""
+    """Creates an empty scene."""
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=False)
     return bpy.context.scene
 
 
 def read(path):
-    """Height x width x RGBA as the file has it."""
+    """Reads an image as height x width x RGBA, without colour conversion."""
     image = bpy.data.images.load(str(path))
     image.colorspace_settings.name = "Non-Color"
     image.alpha_mode = "CHANNEL_PACKED"
@@ -98,13 +98,13 @@ def read(path):
 
 
 def cycles(scene, path):
-    """What Cycles makes of the scene, without light from one part of an object to another."""
+    """Renders the scene with Cycles, without interreflection."""
     scene.render.engine = "CYCLES"
     scene.cycles.samples = 16
     scene.cycles.max_bounces = 0
     scene.cycles.use_denoising = True
     scene.cycles.pixel_filter_type = "BOX"
-    # The light has fewer texels than that.
+    # The light has fewer than 256 rows.
     scene.world.cycles.sampling_method, scene.world.cycles.sample_map_resolution = "MANUAL", 256
     scene.render.film_transparent = True
     scene.render.image_settings.file_format = "OPEN_EXR"
@@ -125,14 +125,14 @@ def overlap(a, b):
 
 
 def distance(shown, photograph):
-    """Root mean square difference of logarithms of luminance."""
+    """Returns the root mean square difference of log luminance."""
     told = inside(shown) & inside(photograph)
     luminance = [np.maximum(p[told][:, :3] @ (0.2126, 0.7152, 0.0722), 1e-4) for p in (shown, photograph)]
     return np.sqrt(np.mean(np.log(luminance[0] / luminance[1]) ** 2))
 
 
 def same_light(scene, what, photograph, path):
-    """Checks that the scene looks like the photograph, and does not with its light turned away."""
+    """Checks that the rendered scene matches the photograph, and does not match it with a rotated light."""
     shown = cycles(scene, path)
     turn = next(n for n in scene.world.node_tree.nodes if n.type == "MAPPING").inputs["Rotation"]
     right = tuple(turn.default_value)
@@ -143,7 +143,7 @@ def same_light(scene, what, photograph, path):
         turned.append(distance(cycles(scene, path.with_name(f"turned-{axis}.exr")), photograph))
     turn.default_value = right
     told = ", ".join(f"{t:.3f}" for t in turned)
-    check(f"{what}: Cycles' picture of it is {off:.3f} off the photograph (limit {LIMIT}), with the light turned {told}", off < LIMIT < min(turned))
+    check(f"{what}: the rendering by Cycles differs from the photograph by {off:.3f} (limit {LIMIT}), with a rotated light by {told}", off < LIMIT < min(turned))
     return shown
 
 
@@ -153,7 +153,7 @@ def shader(thing):
 
 
 def refuses(what, part):
-    """Checks that the operator fails with one line that says this."""
+    """Checks that the operator fails with one line that contains `part`."""
     try:
         bpy.ops.gonio.infer()
         said = "nothing"
@@ -167,7 +167,7 @@ def errors(program, ball):
     scene.gonio.shows = "BALL"
     refuses("no photograph", "no photograph selected")
     scene.gonio.photograph = str(ball.with_name("nothing.exr"))
-    refuses("the program's own line", "nothing.exr: cannot open")
+    refuses("the error of the program", "nothing.exr: cannot open")
     scene.gonio.shows = "MESH"
     scene.gonio.photograph = str(ball)
     refuses("no object", "no active object")
@@ -175,11 +175,11 @@ def errors(program, ball):
     preferences.program = "gonio-that-is-not-there"
     refuses("no program", "gonio-that-is-not-there: program not found")
     preferences.program = str(program)
-    check("nothing was made", not bpy.data.materials and not bpy.data.objects and scene.world is None)
+    check("no data were created", not bpy.data.materials and not bpy.data.objects and scene.world is None)
 
 
 class Layout:
-    """Takes what a panel draws, and lets pass only what Blender knows: properties, operators and icons."""
+    """Records what a panel draws. Properties, operators and icons must exist in Blender."""
 
     ICONS = bpy.types.UILayout.bl_rna.functions["label"].parameters["icon"].enum_items.keys()
 
@@ -204,8 +204,8 @@ class Layout:
 
 
 def drawn(scene, active):
-    """What the panel shows."""
-    # Without a window Blender's own scale is zero.
+    """Returns the names and texts that the panel shows."""
+    # Without a window, the interface scale of Blender is zero.
     preferences = types.SimpleNamespace(system=types.SimpleNamespace(ui_scale=1.0))
     context = types.SimpleNamespace(scene=scene, active_object=active, region=types.SimpleNamespace(width=220), preferences=preferences)
     layout = Layout()
@@ -214,7 +214,7 @@ def drawn(scene, active):
 
 
 def panel():
-    """Checks what the panel shows, by what it is asked for."""
+    """Checks the contents of the panel for each setting."""
     scene = empty()
     every = ["Photograph", "Shows", "Mask", "Light as World", "Results", "Estimate Material and Light"]
     ball = ["Photograph", "Shows", "Outline", "Nearby Camera", *every[2:]]
@@ -229,7 +229,7 @@ def panel():
 
 
 def ball_found(program, photograph, folder):
-    """A ball, seen from the front."""
+    """Estimates the material of a ball seen from the front, and checks it."""
     scene = empty()
     results = folder / "ball"
     scene.gonio.photograph = str(photograph)
@@ -255,7 +255,7 @@ def ball_found(program, photograph, folder):
     camera.data.type = "ORTHO"
     camera.location, camera.rotation_euler = (0, -5, 0), (math.pi / 2, 0, 0)
     picture = read(photograph)
-    # The photograph frames the ball as it likes; the picture of Cycles is framed like it.
+    # Frame the rendering by Cycles like the photograph.
     rows, columns = np.nonzero(inside(picture))
     diameter = (rows.max() - rows.min() + columns.max() - columns.min()) / 2 + 1
     scene.render.resolution_y, scene.render.resolution_x = picture.shape[:2]
@@ -266,12 +266,12 @@ def ball_found(program, photograph, folder):
 
 
 def in_a_window(photograph):
-    """What the operator does at the events that Blender would send it, were there a window to send them."""
+    """Checks the operator with the events that Blender sends if there is a window."""
     operator = sys.modules[f"{ADDON}.operator"].GONIO_OT_infer
     said = []
     methods = {name: it for name, it in vars(operator).items() if isinstance(it, types.FunctionType)}
     methods["report"] = lambda _, kind, line: said.append((*kind, line))
-    # An operator of Blender's cannot be made but by Blender.
+    # Only Blender can create instances of operators.
     Work = type("Work", (), methods)
 
     def work(event, path):
@@ -301,7 +301,7 @@ def in_a_window(photograph):
 
 
 def rotation(degrees):
-    """Turns about x, y and z of the world, in this order."""
+    """Returns the rotation about x, y and z of the world, in this order."""
     x, y, z = (math.radians(d) for d in degrees)
     about_x = np.array([[1, 0, 0], [0, math.cos(x), -math.sin(x)], [0, math.sin(x), math.cos(x)]])
     about_y = np.array([[math.cos(y), 0, math.sin(y)], [0, 1, 0], [-math.sin(y), 0, math.cos(y)]])
@@ -310,7 +310,7 @@ def rotation(degrees):
 
 
 def rendered(program, folder, name, mesh=None, size=SIZE, found=None):
-    """Photograph of a mesh in the material and light of the ball, as camera.json and pose.json of a folder place it; `found` is where the ball's results are."""
+    """Renders a mesh with the material and light of the ball, and with camera.json and pose.json of a folder; `found` contains the results of the ball."""
     photograph, found = folder / f"{name}.exr", found or folder
     gonio(
         *(program, "render", "--brdf", found / "ball" / "brdf.binary", "--light", found / "own" / "light.exr"),
@@ -321,13 +321,13 @@ def rendered(program, folder, name, mesh=None, size=SIZE, found=None):
 
 
 def export(path):
-    """Writes the selected object as it is, with its modifiers."""
+    """Writes the selected object with its modifiers applied."""
     with silent():
         bpy.ops.wm.obj_export(filepath=str(path), export_selected_objects=True, forward_axis="Y", up_axis="Z", export_materials=False)
 
 
 def near(what, thing, truth):
-    """Checks that the material of an object is near that of the photograph."""
+    """Checks that the material of an object is close to that of the photograph."""
     rough, wanted = shader(thing)["Roughness"].default_value, truth["roughness"]
     check(f"{what}: its roughness is {rough:.3f}, that of its material {wanted:.3f}", abs(rough - wanted) < 0.1)
     colour = np.array(shader(thing)["Base Color"].default_value[:3]) / truth["base_color"]
@@ -335,19 +335,19 @@ def near(what, thing, truth):
 
 
 def mesh_found(program, folder):
-    """A mesh as the camera of the scene sees it, photographed by gonio in the material and light of the ball."""
+    """Estimates the material of a mesh before the camera of the scene, and checks it. The photograph is a rendering with the material and light of the ball."""
     scene = empty()
     bpy.ops.mesh.primitive_ico_sphere_add(subdivisions=6)
     thing = bpy.context.active_object
     bpy.ops.object.shade_smooth()
-    # The surface is that with the modifiers: a bent drop.
+    # With its modifiers, the surface is a bent drop.
     for name, method, amount in (("taper", "TAPER", -0.6), ("bend", "BEND", math.radians(70))):
         modifier = thing.modifiers.new(name, "SIMPLE_DEFORM")
         modifier.deform_method, modifier.deform_axis = method, "Z"
         setattr(modifier, "factor" if method == "TAPER" else "angle", amount)
     export(folder / "drop.obj")
 
-    # The same for gonio, by its own formats; places in the picture have y down.
+    # The same camera and pose in the formats of gonio; image coordinates have y down.
     matrix = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = rotation(TURN), PLACE
     pixels = SIZE[1] / SENSOR
@@ -370,7 +370,7 @@ def mesh_found(program, folder):
     eye.location, eye.rotation_euler, eye.scale = PLACE, [math.radians(d) for d in TURN], (2, 2, 2)
     eye.data.sensor_fit, eye.data.sensor_height, eye.data.lens = "VERTICAL", SENSOR, FOCAL
     eye.data.shift_x, eye.data.shift_y = (s * max(SIZE) / SIZE[1] for s in SHIFT)
-    # By a percentage, as the render settings have it.
+    # The resolution percentage reduces the size.
     scene.render.resolution_x, scene.render.resolution_y = (4 * s for s in SIZE)
     scene.render.resolution_percentage = 25
 
@@ -384,16 +384,16 @@ def mesh_found(program, folder):
     near("a mesh", thing, truth)
     shown = same_light(scene, "a mesh", picture, folder / "shown.exr")
     both = overlap(shown, picture)
-    check(f"a mesh: the outline of Cycles' picture and the photograph's overlap by {both:.4f}", both > OVERLAP)
-    # What the program saw by the add-on's files, beside the photograph.
+    check(f"a mesh: the outlines of the rendering by Cycles and of the photograph overlap by {both:.4f}", both > OVERLAP)
+    # Compare a rendering with the files of the add-on with the photograph.
     [files] = {path.parent for path in Path(bpy.app.tempdir).glob("gonio-*/mesh.ply")}
     seen = rendered(program, files, "seen", files / "mesh.ply", found=folder)
     off, both = distance(read(seen), picture), overlap(read(seen), picture)
-    check(f"a mesh: seen by the add-on's files it overlaps by {both:.4f} and is {off:.4f} off", both > 0.998 and off < 0.01)
+    check(f"a mesh: a rendering with the add-on's files overlaps by {both:.4f} and differs by {off:.4f}", both > 0.998 and off < 0.01)
 
 
 def near_ball_found(program, folder):
-    """A ball before the camera of the scene of `mesh_found`, which is near enough for perspective to count."""
+    """Estimates the material of a ball in the scene of `mesh_found`, and checks it. The ball is near, so that perspective matters."""
     scene = bpy.context.scene
     bpy.ops.mesh.primitive_ico_sphere_add(subdivisions=6)
     bpy.ops.object.shade_smooth()
@@ -406,7 +406,7 @@ def near_ball_found(program, folder):
     check("a near ball: the operator finishes", bpy.ops.gonio.infer() == {"FINISHED"})
     truth = json.loads((folder / "own" / "export.json").read_text())["exports"]["blender"]["parameters"]
     near("a near ball", scene.objects["near"], truth)
-    # Where the program has found it, in the axes of the camera, from the outline and what the add-on says of the camera.
+    # Detected centre in camera coordinates, from the outline and the camera parameters of the add-on.
     found = json.loads((folder / "near" / "result.json").read_text())["observations"]["shape"]["ball"]["centre"]
     wanted = rotation(TURN).T @ np.subtract(LOCATION, PLACE)
     off = math.degrees(np.arccos(np.dot(found, wanted) / np.linalg.norm(found) / np.linalg.norm(wanted)))
@@ -414,7 +414,7 @@ def near_ball_found(program, folder):
 
 
 def other_cameras(program, folder):
-    """Other cameras before the drop: the outline that gonio sees by the add-on's numbers beside the one that Blender sees."""
+    """Compares the outlines of the drop in renderings by gonio, with the parameters of the add-on, and by Cycles, for other cameras."""
     scene, eye = bpy.context.scene, bpy.context.scene.camera.data
     describe = sys.modules[f"{ADDON}.camera"].describe
     [written] = {path.parent for path in Path(bpy.app.tempdir).glob("gonio-*/mesh.ply")}

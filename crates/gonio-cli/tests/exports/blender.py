@@ -1,9 +1,9 @@
-"""Runs an exported script in Blender as it is, and compares the picture that it leaves with `gonio render` of the table of the same fit.
+"""Runs an exported script in Blender unchanged, and compares its picture with `gonio render` of the table of the same fit.
 
     python3 blender.py GONIO RESULTS [FOLDER]
 
-GONIO is the program, RESULTS a folder of results of `gonio infer`, FOLDER where to export it to. Needs the package bpy (Blender 4.2 or later as a module) and
-numpy, which comes with it. Ends with 1 if the picture is further off than LIMIT.
+GONIO is the program, RESULTS a folder of results of `gonio infer`, and FOLDER the folder to export to. Requires the package bpy (Blender 4.2 or later as a module) and
+numpy, which bpy installs. The exit code is 1 if the error of the picture exceeds LIMIT.
 """
 
 import re
@@ -15,7 +15,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-# Of the root mean square difference of logarithms: Cycles scatters several times where the fit does not, and denoises; the picture has 8 bits.
+# Limit of the root mean square difference of logarithms. It allows for multiple scattering, which the fit does not model, for denoising, and for 8-bit values.
 LIMIT = 0.05
 
 
@@ -24,7 +24,7 @@ def run(*arguments):
 
 
 def read(path):
-    """Height x width x RGBA as the file has it."""
+    """Reads an image as height x width x RGBA, without colour conversion."""
     image = bpy.data.images.load(str(path))
     image.colorspace_settings.name = "Non-Color"
     image.alpha_mode = "CHANNEL_PACKED"
@@ -37,7 +37,7 @@ def linear(srgb):
 
 
 def error(shown, own):
-    """Difference where both have the sphere alone and the picture neither is clipped nor next to black, and the share of the sphere that this is."""
+    """Returns the difference over the pixels that both pictures cover entirely and that are neither clipped nor nearly black, and their share of the sphere."""
     inside = own[..., 3] > 0.999
     told = inside & (shown[..., 3] > 0.999) & (shown[..., :3].max(axis=-1) < 0.999) & (shown[..., :3].min(axis=-1) > 0.1)
     logs = np.log(linear(shown[told][:, :3]) / own[told][:, :3])
@@ -60,7 +60,7 @@ def main(gonio, results, folder=None):
     mirrored, _ = error(shown[:, ::-1], own)
     shifted, _ = error(np.roll(shown, len(shown) // 64, axis=1), own)
     good = log < LIMIT < min(mirrored, shifted) and share > 0.9 and coverage < 0.005
-    print(f"blender.py: {log:.4f} off (limit {LIMIT}) over {share:.0%}; mirrored {mirrored:.2f}, shifted {shifted:.2f}{'' if good else '  FAILED'}")
+    print(f"blender.py: difference {log:.4f} (limit {LIMIT}) over {share:.0%}; mirrored {mirrored:.2f}, shifted {shifted:.2f}{'' if good else '  FAILED'}")
     return 0 if good else 1
 
 

@@ -1,4 +1,4 @@
-"""Opens an exported MaterialX document with MaterialX's own library: it has to be valid, and to become a shader.
+"""Checks an exported MaterialX document with the MaterialX library: validates it and generates a shader.
 
     python3 materialx.py OPENPBR.mtlx
 """
@@ -24,7 +24,7 @@ def main(path):
     assert surface.getCategory() == "open_pbr_surface", surface.getCategory()
     definition = surface.getNodeDef()
     assert definition is not None, f"{path}: no definition of {surface.getCategory()}"
-    # An input of a wrong name would be ignored without a word.
+    # MaterialX ignores inputs with unknown names without an error.
     for given in surface.getInputs():
         known = definition.getActiveInput(given.getName())
         assert known is not None, f"{path}: no input {given.getName()}"
@@ -35,7 +35,7 @@ def main(path):
     shader = generator.generate(surface.getName(), materials[0], context)
     source = shader.getSourceCode(PyMaterialXGenShader.PIXEL_STAGE)
     assert "void main()" in source
-    print(f"{path}: valid, {len(surface.getInputs())} inputs, a shader of {len(source.splitlines())} lines")
+    print(f"{path}: valid, {len(surface.getInputs())} inputs, shader with {len(source.splitlines())} lines")
 
 
 if __name__ == "__main__":

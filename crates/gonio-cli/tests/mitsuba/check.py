@@ -1,9 +1,9 @@
-"""Renders what gonio exports in Mitsuba 3, and compares with gonio's own pictures of the same BRDF under the same light.
+"""Renders exports of gonio in Mitsuba 3, and compares them with `gonio render` of the same BRDF under the same light.
 
     python check.py GONIO RESULTS
 
-GONIO is the program, RESULTS a folder of results of `gonio infer`. The light and two materials of formulas are made here. Needs numpy and mitsuba. Ends
-with 1 if a picture is off by more than its limit.
+GONIO is the program, and RESULTS a folder of results of `gonio infer`. The script creates the light and two analytic materials. Requires numpy and mitsuba. The exit
+code is 1 if the error of a picture exceeds its limit.
 """
 
 import json
@@ -17,7 +17,7 @@ import numpy as np
 
 SIZE = 96
 SAMPLES = 256
-# Of the log relight error.
+# Limits of the log relight error.
 LIMITS = {"measured": 0.05, "spectral": 0.08, "principled": 0.05}
 
 
@@ -26,12 +26,12 @@ def run(*arguments):
 
 
 def read(path):
-    """Height x width x RGBA of an EXR."""
+    """Reads an EXR file as height x width x RGBA."""
     return np.array(mi.Bitmap(str(path)).convert(component_format=mi.Struct.Type.Float32), dtype=np.float64)
 
 
 def write_merl(path, f):
-    """The file of a BRDF in 1/sr, `f(theta_h, theta_d)` to RGB in the last axis."""
+    """Writes a BRDF in 1/sr as a MERL table; `f(theta_h, theta_d)` returns RGB in the last axis."""
     theta_h = (np.arange(90) / 90) ** 2 * np.pi / 2
     theta_d = np.radians(np.arange(90))
     rgb = np.moveaxis(f(theta_h[:, None], theta_d[None, :]), -1, 0)
@@ -42,7 +42,7 @@ def write_merl(path, f):
 
 
 def coat(colour, width):
-    """A body under a coat whose reflection grows towards the horizon."""
+    """Returns a diffuse body under a coat with Fresnel reflection."""
 
     def f(theta_h, theta_d):
         fresnel = 0.04 + 0.96 * (1 - np.cos(theta_d)) ** 5
@@ -53,7 +53,7 @@ def coat(colour, width):
 
 
 def make_light(path):
-    """A map with nothing alike in any two directions: soft lamps on a graded sky, so that a picture of 256 samples has little noise."""
+    """Writes a light map without symmetries: lamps on a sky with a gradient. It is smooth, so that a rendering with 256 samples has little noise."""
     height = 64
     v, u = np.mgrid[:height, : 2 * height]
     azimuth, polar = (2 * np.pi * ((u + 0.5) / (2 * height) - 0.5), np.pi * (v + 0.5) / height)
@@ -66,7 +66,7 @@ def make_light(path):
 
 
 def render(bsdf, light, turned=True):
-    """A sphere of radius one seen along -z without perspective, as `gonio render` frames it: two empty pixels around it."""
+    """Renders a sphere of radius one orthographically along -z. As in `gonio render`, the margin is two pixels."""
     half = 0.5 * SIZE / (0.5 * SIZE - 2.0)
     transform = mi.ScalarTransform4f
     scene = mi.load_dict({
@@ -79,14 +79,15 @@ def render(bsdf, light, turned=True):
             "sampler": {"type": "multijitter", "sample_count": SAMPLES},
         },
         "sphere": {"type": "sphere", "bsdf": bsdf},
-        # The middle of gonio's maps is along -z, of Mitsuba's along +z.
+        # The centre of a map is -z in gonio, and +z in Mitsuba.
         "light": {"type": "envmap", "filename": str(light), "to_world": transform().rotate([0, 1, 0], 180 if turned else 0)},
     })
     return np.array(mi.render(scene), dtype=np.float64)
 
 
 def off(own, other):
-    """Log relight error over the pixels that the sphere covers wholly: the root mean square of ln((s b + e)/(a + e)), e 1 % of the mean. And the scale s."""
+    """Returns the log relight error over the pixels that the sphere covers entirely, and the scale s. The error is the root mean square of ln((s b + e)/(a + e)), where e
+    is 1 % of the mean."""
     covered = (own[..., 3] > 0.999) & (other[..., 3] > 0.999)
     a, b = own[covered][:, :3], other[covered][:, :3]
     scale = (a * b).sum() / (b * b).sum()
@@ -128,13 +129,13 @@ def main():
             check(name, "measured", own[name, "measured"], picture)
             if name == "satin":
                 wrong, _ = off(own[name, "measured"], render(measured, light, turned=False))
-                print(f"{name:8} the light the other way round: {wrong:.2f}")
+                print(f"{name:8} with the light rotated by 180 degrees: {wrong:.2f}")
                 failed |= wrong < 0.1
             principled = mi.load_file(str(work / name / "principled.xml"))
             check(name, "principled", own[name, "principled"], render(principled, light))
             entry = json.loads((work / name / "export.json").read_text())["exports"]
             for target in ("bsdf", "mitsuba"):
-                print(f"{name:8} {target:12} says of itself: log relight {entry[target]['log_relight']:.4f} in its own light")
+                print(f"{name:8} {target:12} reported by gonio export: log relight {entry[target]['log_relight']:.4f} in the studio light")
         if "scalar_spectral" in mi.variants():
             mi.set_variant("scalar_spectral")
             for name in inputs:

@@ -1,9 +1,9 @@
-"""Loads what gonio exports for Mitsuba 3 as a user does, by `mi.load_file`, and compares its scene with gonio's picture of it.
+"""Loads exports of gonio in Mitsuba 3 with `mi.load_file`, and compares renderings of the exported scene with `gonio render`.
 
     python scene.py GONIO RESULTS
 
-GONIO is the program, RESULTS a folder of results of `gonio infer`. Needs numpy and mitsuba. Ends with 1 if a file does not load, or if the scene is further from
-`gonio render` of the same BRDF under the same light than LIMIT and the noise of the samples explain.
+GONIO is the program, and RESULTS a folder of results of `gonio infer`. Requires numpy and mitsuba. The exit code is 1 if a file does not load, or if the difference of
+the scene from `gonio render` with the same BRDF and light exceeds LIMIT plus the noise of the samples.
 """
 
 import subprocess
@@ -14,18 +14,18 @@ from pathlib import Path
 import mitsuba as mi
 import numpy as np
 
-# The scene is framed for this size, as `gonio render` frames it.
+# The scene has the framing of `gonio render` at this size.
 SIZE = 256
 SAMPLES = 8
-# Blocks of pixels whose means are compared: one pixel is mostly noise.
+# Side of the blocks of pixels whose means are compared, because single pixels are mostly noise.
 BLOCK = 8
-# Of the relative error, beyond noise: of a tensor half a percent of `gonio render` and what it is off by its own account, more with spectra; of `principled` what
-# a table over two angles misses of it.
+# Limits of the relative error without noise. For a tensor, it allows for 0.5 % from `gonio render` and for the reported error of the tensor, and for more with spectra;
+# for `principled`, for the error of a table over two angles.
 LIMIT = {"brdf_measured.xml": 0.015, "brdf_measured_spectral.xml": 0.03, "principled.xml": 0.04}
-# What each file is compared with.
+# Table with which each file is compared.
 TABLE = {"brdf_measured.xml": "brdf.binary", "brdf_measured_spectral.xml": "brdf.binary", "principled.xml": "principled.binary"}
 RGB = ["brdf_measured.xml", "principled.xml"]
-# Loads the files in the variant that compiles, and renders with it.
+# Loads the files in a compiled variant, and renders with it.
 COMPILED = """
 import sys
 import mitsuba as mi
@@ -49,8 +49,8 @@ def read(path):
 
 
 def compare(own, pictures):
-    """Mean square error of two pictures that differ in nothing but their noise, relative, over blocks that the sphere covers: the mean product of their
-    deviations, to which noise adds nothing. And its standard error, which is of noise."""
+    """Returns the relative mean square error of two pictures with independent noise over the blocks that the sphere covers, and its standard error from noise. The
+    error is the mean product of their deviations, in which independent noise cancels."""
     side = SIZE // BLOCK
     own, a, b = (picture.reshape(side, BLOCK, side, BLOCK, 4).mean(axis=(1, 3)) for picture in (own, *pictures))
     covered = np.minimum(np.minimum(own[..., 3], a[..., 3]), b[..., 3]) > 0.999
@@ -60,27 +60,27 @@ def compare(own, pictures):
 
 
 def check(folder, file, own):
-    """Whether the scene with this material is as near as it has to be: within three standard errors."""
+    """Returns whether the error of the scene with this material is below the limit plus three standard errors."""
     scene = mi.load_file(str(folder / "scene.xml"), material=file, samples=SAMPLES)
     pictures = [np.array(mi.render(scene, seed=seed), dtype=np.float64) for seed in (0, 1)]
     (square, doubt), limit = compare(own, pictures), LIMIT[file] ** 2
     good = abs(pictures[0][..., 3] - own[..., 3]).mean() < 0.005 and square < limit + 3 * doubt
-    # Mirrored pictures, and those a hundredth of the width off, have to fail: there is not so much noise that anything passes.
+    # Mirrored and shifted pictures (by 3 pixels) must fail, so that noise does not hide errors.
     for what, wrong in [("mirrored", [picture[:, ::-1] for picture in pictures]), ("shifted", [np.roll(picture, 3, 1) for picture in pictures])]:
         off, unsure = compare(own, wrong)
         good &= off > limit + 3 * unsure
         print(f"{file:26} {what:10} {np.sqrt(max(off, 0)):.3f}")
-    print(f"{file:26} off by {np.sqrt(max(square, 0)):.4f} (limit {LIMIT[file]}; noise could be {np.sqrt(3 * doubt):.4f}){'' if good else '  FAILED'}")
+    print(f"{file:26} error {np.sqrt(max(square, 0)):.4f} (limit {LIMIT[file]}; allowance for noise {np.sqrt(3 * doubt):.4f}){'' if good else '  FAILED'}")
     return good
 
 
 def compiled(folder):
-    """The same in the variant that compiles. An LLVM of the system that cannot compile for its processor is no fault of the files."""
+    """Returns whether the files load and render in a compiled variant. Ignores failures of LLVM on this system."""
     done = subprocess.run([sys.executable, "-c", COMPILED, *RGB], cwd=folder, capture_output=True, text=True)
     print(*(f"llvm_ad_rgb: {line}\n" for line in done.stdout.splitlines()), sep="", end="")
     loaded = done.stdout.count(" loads\n") == len(RGB) + 1
     if loaded and done.returncode and "LLVM ERROR" in done.stderr:
-        print(f"llvm_ad_rgb: the LLVM of this system does not do: {next(line for line in done.stderr.splitlines() if 'LLVM' in line)[:100]}")
+        print(f"llvm_ad_rgb: LLVM does not work on this system: {next(line for line in done.stderr.splitlines() if 'LLVM' in line)[:100]}")
         return True
     print(done.stderr, end="", file=sys.stderr)
     return not done.returncode
@@ -92,7 +92,7 @@ def main(gonio, results):
     with tempfile.TemporaryDirectory() as work:
         folder = Path(work) / "export"
         run(gonio, "export", results, "-o", folder, "--to", "merl,bsdf,mitsuba", "--tables")
-        # Nothing of the folder may depend on where one is.
+        # The files must load from any working directory.
         mi.set_variant("scalar_rgb")
         mi.set_log_level(mi.LogLevel.Error)
         for file in RGB:

@@ -1,12 +1,12 @@
-//! The cache of plans: an answer is the same whether its plan was built or found, and an entry that
-//! is damaged is built anew.
+//! Tests of the cache of plans: a result does not depend on whether its plan was cached, and a
+//! damaged entry is replaced.
 
 use std::path::PathBuf;
 
 use super::{Files, job, same, written};
 use crate::support::Bench;
 
-/// Runs the job with a cache; where its plan came from, and what it wrote.
+/// Runs the job with a cache. Returns the origin of its plan, and its output.
 fn answer(bench: &Bench) -> (String, Files) {
     let cache = bench.path("cache");
     bench.run_with(&job("infer_cached").to("out"), &[("GONIO_CACHE_DIR", cache.to_str().unwrap())]).succeeds();
@@ -14,7 +14,7 @@ fn answer(bench: &Bench) -> (String, Files) {
     (origin, written(bench, "out"))
 }
 
-/// The only file in the cache.
+/// Returns the path of the only file in the cache.
 fn entry(bench: &Bench) -> PathBuf {
     let names = bench.names("cache");
     assert_eq!(names.len(), 1, "{names:?}");
@@ -22,7 +22,7 @@ fn entry(bench: &Bench) -> PathBuf {
 }
 
 #[test]
-fn a_plan_from_the_cache_gives_the_same_answer_and_a_damaged_one_is_built_anew() {
+fn cached_and_rebuilt_plans_give_the_same_result() {
     let job = job("infer_cached");
     let bench = job.bench();
     let whole = &job.undisturbed().files;
@@ -31,13 +31,13 @@ fn a_plan_from_the_cache_gives_the_same_answer_and_a_damaged_one_is_built_anew()
         assert_eq!(found, origin, "{what}");
         same(&files, whole, what);
     };
-    check("built", "the first");
-    check("cache", "the second");
+    check("built", "first run");
+    check("cache", "second run");
     let path = entry(&bench);
     let good = std::fs::read(&path).unwrap();
-    // What a machine that lost its power may leave.
+    // After a power failure, the end of a file can be zero.
     let zeros = vec![0; good.len() / 2];
     std::fs::write(&path, [&good[..good.len() - zeros.len()], &zeros[..]].concat()).unwrap();
-    check("built", "with a damaged entry");
-    assert!(std::fs::read(entry(&bench)).unwrap() == good, "the entry is not as it was");
+    check("built", "run with a damaged entry");
+    assert!(std::fs::read(entry(&bench)).unwrap() == good, "the new entry differs from the first one");
 }

@@ -1,5 +1,5 @@
-//! Four of each command at once, on one output and one cache; and folders that go while a command
-//! runs.
+//! Tests of four concurrent processes with one output and one cache, and of output folders that are
+//! removed while a command runs.
 
 use std::process::{Child, Stdio};
 use std::thread::sleep;
@@ -8,7 +8,7 @@ use std::time::Duration;
 use super::{Job, Kind, Undisturbed, job, leftovers, same, whole_or_absent, written};
 use crate::support::Bench;
 
-/// Processes at once.
+/// Number of concurrent processes.
 const CROWD: usize = 4;
 
 fn start(bench: &Bench, line: &str) -> Child {
@@ -17,7 +17,7 @@ fn start(bench: &Bench, line: &str) -> Child {
     command.spawn().unwrap()
 }
 
-/// Exit code and the first line of standard error.
+/// Waits for a process. Returns its exit code and its standard error.
 fn end(child: Child) -> (Option<i32>, String) {
     let output = child.wait_with_output().unwrap();
     (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
@@ -35,7 +35,7 @@ fn together(job: &Job) {
 }
 
 #[test]
-fn four_at_once_write_one_output() {
+fn four_concurrent_processes_write_one_output() {
     for name in ["infer_cached", "merge"] {
         together(job(name));
     }
@@ -43,7 +43,7 @@ fn four_at_once_write_one_output() {
 
 each_job!(four_at_once_five_times: |job| (0..5).for_each(|_| together(job)));
 
-/// Removes the folder of the output while the command runs, at these parts of its time.
+/// Removes the folder of the output while the command runs, after these fractions of its duration.
 fn removed(job: &Job, parts: &[f64]) {
     let bench = job.bench();
     let Undisturbed { files: whole, time } = job.undisturbed();
@@ -52,7 +52,7 @@ fn removed(job: &Job, parts: &[f64]) {
         std::fs::create_dir(&deep).unwrap();
         let child = start(&bench, &job.to("deep/out"));
         sleep(time.mul_f64(*part).min(Duration::from_secs(60)));
-        // Something may be written into it meanwhile.
+        // The command can write to the folder during the removal.
         while deep.exists() && std::fs::remove_dir_all(&deep).is_err() {}
         let (code, said) = end(child);
         if whole_or_absent(&bench, &job.output("deep/out"), whole) {
@@ -62,7 +62,7 @@ fn removed(job: &Job, parts: &[f64]) {
             assert!(code != Some(101), "{}: {said}", job.name);
         }
         assert_eq!(leftovers(&bench), Vec::<String>::new(), "{}", job.name);
-        // Made again by a command that came late.
+        // The command creates the folder again if it was removed early.
         if deep.exists() {
             std::fs::remove_dir_all(&deep).unwrap();
         }
@@ -70,11 +70,11 @@ fn removed(job: &Job, parts: &[f64]) {
 }
 
 #[test]
-fn a_folder_that_goes_is_named() {
+fn names_a_removed_folder() {
     removed(job("export"), &[0.5]);
 }
 
-/// A batch makes its folder anew for each row.
+/// Calls [`removed`], except for a batch, which creates its folder again for each row.
 fn removed_at_any_moment(job: &Job) {
     if job.kind != Kind::Batch {
         removed(job, &[0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9]);

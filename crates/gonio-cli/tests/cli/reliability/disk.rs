@@ -1,15 +1,15 @@
-//! Disks that are full.
+//! Tests with full disks.
 
 use std::path::Path;
 use std::process::Command;
 
 use super::{Job, Kind, job, leftovers, same, written};
 
-/// A small disk in memory, in a folder; unmounted on drop.
+/// A small disk in memory, mounted at a folder; unmounted on drop.
 struct SmallDisk<'a>(&'a Path);
 
 impl<'a> SmallDisk<'a> {
-    /// `None` where mounting is not permitted.
+    /// Mounts a disk. Returns `None` if mounting is not permitted.
     fn mount(folder: &'a Path, kilobytes: usize) -> Option<Self> {
         std::fs::create_dir_all(folder).unwrap();
         let size = format!("size={kilobytes}k");
@@ -28,7 +28,7 @@ impl Drop for SmallDisk<'_> {
     }
 }
 
-/// Runs a job onto disks of several sizes; how many outputs were whole.
+/// Runs a job with its output on disks of several sizes. Returns the number of complete outputs.
 fn fill(job: &Job, sizes: &[usize]) -> Option<usize> {
     let bench = job.bench();
     let whole = &job.undisturbed().files;
@@ -55,12 +55,12 @@ fn fill(job: &Job, sizes: &[usize]) -> Option<usize> {
 }
 
 #[test]
-fn a_full_disk_gets_no_half_output() {
+fn a_full_disk_leaves_no_partial_output() {
     let Some(there) = fill(job("export"), &[64, 65_536]) else { return };
-    assert_eq!(there, 1, "what does not fit and what does");
+    assert_eq!(there, 1, "only the larger disk is sufficient");
 }
 
-/// Disks of 4 kB to 256 MB.
+/// Runs a job on disks of 4 KiB to 256 MiB.
 fn fill_any(job: &Job) {
     let sizes: Vec<usize> = (2..19).map(|power| 1 << power).collect();
     let Some(there) = fill(job, &sizes) else { return };
@@ -69,7 +69,7 @@ fn fill_any(job: &Job) {
 }
 
 #[test]
-fn a_full_disk_that_is_the_output_is_named_and_left_as_it_was() {
+fn a_full_output_folder_is_named_and_not_changed() {
     let bench = job("infer").bench();
     let folder = bench.path("disk");
     let Some(_disk) = SmallDisk::mount(&folder, 1024) else { return };
@@ -79,7 +79,7 @@ fn a_full_disk_that_is_the_output_is_named_and_left_as_it_was() {
 each_job!(a_disk_of_any_size: fill_any);
 
 #[test]
-fn a_full_cache_costs_nothing_but_time() {
+fn a_full_cache_does_not_change_the_result() {
     let job = job("infer_cached");
     let bench = job.bench();
     let folder = bench.path("cache");
@@ -87,7 +87,7 @@ fn a_full_cache_costs_nothing_but_time() {
     let Some(_disk) = SmallDisk::mount(&folder, 64) else { return };
     let run = bench.run_with(&job.to("out"), &[("GONIO_CACHE_DIR", folder.to_str().unwrap())]).succeeds();
     assert!(run.stderr.contains("warning: ") && run.stderr.contains("free disk space"), "{run:?}");
-    // The warning is among the numbers, too.
+    // `result.json` contains the warning and therefore differs.
     let mut found = written(&bench, "out");
     assert_ne!(found.remove("result.json"), whole.remove("result.json"));
     same(&found, &whole, job.name);

@@ -1,4 +1,4 @@
-//! Commands that are killed at random moments.
+//! Tests of commands that are killed at random times.
 
 use std::process::Stdio;
 use std::thread::sleep;
@@ -7,18 +7,18 @@ use std::time::{Duration, Instant};
 use super::{Files, Job, Kind, ROWS, Undisturbed, job, leftovers, same, whole_or_absent, written};
 use crate::support::Bench;
 
-/// Moments of each command in the full tests.
+/// Number of kills of each command in the ignored tests.
 const MANY: usize = 50;
 
-/// Variable that gives a run of the full tests moments of its own: a number.
+/// Environment variable with the seed of the random times, an integer.
 const SEED: &str = "GONIO_TEST_SEED";
 
-/// A fixed stream of numbers in 0..1 (SplitMix64), so that the moments can be repeated.
+/// Reproducible random numbers in 0..=1 (SplitMix64), which determine the times.
 struct Moments(u64);
 
 impl Moments {
     fn of(job: &Job) -> Self {
-        let seed = std::env::var(SEED).map_or(0, |seed| seed.parse().expect("a number"));
+        let seed = std::env::var(SEED).map_or(0, |seed| seed.parse().expect("the seed is an integer"));
         Self((seed << 32) + job.line.len() as u64)
     }
 
@@ -30,18 +30,18 @@ impl Moments {
     }
 }
 
-/// What became of the runs of a job.
+/// Numbers of runs of a job by their end.
 #[derive(Debug, Default)]
 struct Ends {
     /// Killed before their end.
     killed: usize,
-    /// Killed, with the output there.
+    /// Killed, with a complete output.
     killed_there: usize,
-    /// Ended before they were killed.
+    /// Ended before the kill.
     ended: usize,
 }
 
-/// Kills a command after a while; `None` if it was still running, else how long it took.
+/// Kills a command after a time. Returns `None` if it was still running, or else its duration.
 fn kill_after(bench: &Bench, line: &str, while_: Duration) -> Option<Duration> {
     let mut command = bench.command(line);
     command.env("GONIO_CACHE_DIR", bench.path("cache")).stdout(Stdio::null()).stderr(Stdio::null());
@@ -58,8 +58,8 @@ fn kill_after(bench: &Bench, line: &str, while_: Duration) -> Option<Duration> {
     None
 }
 
-/// Kills a job at so many moments of its time and looks at what is there each time. Half of the
-/// moments are in the last third, where output is written.
+/// Kills a job at random times, and checks the output after each kill. Half of the times are in the
+/// last third of the duration, in which the output is written.
 fn kill(job: &Job, moments: usize) {
     let bench = job.bench();
     let Undisturbed { files: whole, time } = job.undisturbed();
@@ -74,13 +74,13 @@ fn kill(job: &Job, moments: usize) {
             Kind::Batch => rows_are_whole(&bench, whole) == ROWS.len(),
             Kind::Folder | Kind::File => whole_or_absent(&bench, &output, whole),
         };
-        // The time is that of now: with the plan in the cache, and with what else the machine does.
+        // Track the current duration, which depends on the cache and on the load of the machine.
         match ended {
             Some(took) => {
                 assert!(there, "{}: ended without its output", job.name);
                 ends.ended += 1;
                 time = (time + took) / 2;
-                assert!(ends.ended < 10 * moments, "{}: ends before it can be killed", job.name);
+                assert!(ends.ended < 10 * moments, "{}: ends before the kill too often", job.name);
             }
             None => {
                 ends.killed += 1;
@@ -91,19 +91,19 @@ fn kill(job: &Job, moments: usize) {
             }
         }
         if there {
-            // A batch that is not done goes on where it was; the others begin again.
+            // Remove a complete output. An incomplete batch resumes.
             let path = bench.path(&output);
             if path.is_dir() { std::fs::remove_dir_all(path).unwrap() } else { std::fs::remove_file(path).unwrap() }
         }
     }
-    // The next one ends well, with the cache as the killed ones left it, and clears away.
+    // The next run succeeds with the cache of the killed runs, and removes their unfinished files.
     let cache = bench.path("cache");
     bench.run_with(&job.to("out"), &[("GONIO_CACHE_DIR", cache.to_str().unwrap())]).succeeds();
     same(&written(&bench, &output), whole, job.name);
     let left: Vec<String> = leftovers(&bench).into_iter().filter(|path| path.ends_with(".unfinished")).collect();
     assert_eq!(left, Vec::<String>::new(), "{}", job.name);
     println!(
-        "{}: {:.2} s, {} killed, {} of them with the whole output there, {} ended before, {} hidden files left",
+        "{}: {:.2} s, {} killed, {} of them with a complete output, {} ended before, {} hidden files left",
         job.name,
         time.as_secs_f64(),
         ends.killed,
@@ -113,7 +113,7 @@ fn kill(job: &Job, moments: usize) {
     );
 }
 
-/// Checks the rows of a batch that are there; how many.
+/// Checks the existing rows of a batch. Returns their number.
 #[track_caller]
 fn rows_are_whole(bench: &Bench, whole: &Files) -> usize {
     let found = written(bench, "out");
@@ -132,7 +132,7 @@ fn rows_are_whole(bench: &Bench, whole: &Files) -> usize {
 }
 
 #[test]
-fn what_is_killed_leaves_whole_outputs_or_none() {
+fn killed_commands_leave_complete_or_no_outputs() {
     for name in ["infer_cached", "train_lighting", "merge"] {
         kill(job(name), 2);
     }

@@ -1,12 +1,12 @@
-//! Nothing is lost: commands that are killed, that run out of disk, whose folder goes while they
-//! run, that run beside each other. Every output is whole or absent afterwards
-//! (`docs/reliability.md`).
+//! Tests of reliability: commands that are killed, that run out of disk space, whose output folder
+//! is removed while they run, or that run concurrently. Afterwards, every output is complete or
+//! absent (`docs/reliability.md`).
 //!
-//! The tests that are run by default take a few moments each; the numbers of the page come from
+//! The default tests take a few seconds each. The numbers in `docs/reliability.md` come from
 //! `cargo test -p gonio-cli --test cli reliability -- --ignored --nocapture`.
 
-/// One ignored test for each command, in a module of its own: they can be run apart and beside each
-/// other.
+/// Defines a module with one ignored test per command, so that the tests can run separately and in
+/// parallel.
 macro_rules! each_job {
     ($module:ident: $run:expr) => {
         mod $module {
@@ -25,7 +25,7 @@ macro_rules! each_job {
         )*
 
         #[test]
-        fn none_is_left_out() {
+        fn covers_all_jobs() {
             assert_eq!([$(stringify!($name)),*], JOBS.map(|job| job.name));
         }
     };
@@ -51,29 +51,28 @@ const ROWS: [&str; 3] = ["one", "two", "three"];
 
 /// A command with one output, a file or a folder.
 pub(crate) struct Job {
-    /// For messages.
+    /// Name in messages.
     pub(crate) name: &'static str,
-    /// Its arguments, with `OUT` for the output.
+    /// Arguments, with `OUT` in place of the output.
     line: &'static str,
-    /// Whether the output is a folder that appears as one, files that do so each, or a folder that
-    /// fills one after the other.
+    /// How the output is created.
     kind: Kind,
-    /// Writes the files that it reads.
+    /// Function that writes the input files.
     inputs: fn(&Bench),
 }
 
-/// How an output comes to be.
+/// How an output is created.
 #[derive(Clone, Copy, PartialEq)]
 pub(crate) enum Kind {
-    /// A folder by one rename.
+    /// A folder, by one rename.
     Folder,
-    /// A file by one rename.
+    /// A file, by one rename.
     File,
-    /// Folders of a batch, each by one rename.
+    /// The folders of a batch, each by one rename.
     Batch,
 }
 
-/// All commands that write something that takes its time.
+/// All commands with an output that takes time to compute.
 pub(crate) const JOBS: [Job; 7] = [
     Job { name: "infer", line: "infer ball.exr --grid 8 -o OUT", kind: Kind::Folder, inputs: ball },
     Job {
@@ -104,31 +103,31 @@ pub(crate) const JOBS: [Job; 7] = [
     Job { name: "export", line: "export in.binary --to merl,ward,mtlx -o OUT", kind: Kind::Folder, inputs: table },
 ];
 
-/// The job of a name.
+/// Returns the job with a name.
 pub(crate) fn job(name: &str) -> &'static Job {
     JOBS.iter().find(|job| job.name == name).unwrap()
 }
 
 impl Job {
-    /// Name of its output when called by `stem`.
+    /// Returns the name of the output with this stem.
     fn output(&self, stem: &str) -> String {
         if self.kind == Kind::File { format!("{stem}.exr") } else { stem.to_owned() }
     }
 
-    /// Its arguments, with this output.
+    /// Returns the arguments with this output.
     fn to(&self, stem: &str) -> String {
         self.line.replace("OUT", &self.output(stem))
     }
 
-    /// A folder with its inputs.
+    /// Creates a bench with the input files.
     fn bench(&self) -> Bench {
         let bench = Bench::new();
         (self.inputs)(&bench);
         bench
     }
 
-    /// What it writes on two threads when nobody disturbs it, and how long that took: found once
-    /// for all tests.
+    /// Returns the output and the duration of an undisturbed run on two threads, which all tests
+    /// share.
     fn undisturbed(&self) -> &'static Undisturbed {
         static KNOWN: [OnceLock<Undisturbed>; JOBS.len()] = [const { OnceLock::new() }; JOBS.len()];
         let at = JOBS.iter().position(|job| job.name == self.name).unwrap();
@@ -141,13 +140,13 @@ impl Job {
     }
 }
 
-/// A run of a job that nothing came in the way of.
+/// Output and duration of an undisturbed run.
 struct Undisturbed {
     files: Files,
     time: Duration,
 }
 
-/// Content by name.
+/// Contents of files by name.
 type Files = BTreeMap<String, Vec<u8>>;
 
 fn ball(bench: &Bench) {
@@ -173,8 +172,8 @@ fn table(bench: &Bench) {
     gonio_io::merl::write(bench.path("in.binary"), &merl(&material(0.1, 0.3))).unwrap();
 }
 
-/// A file or the files of a folder and of those in it, by name, without what tells the time.
-/// Empty if there is nothing.
+/// Reads a file, or all files below a folder, without their [time-dependent parts](timeless).
+/// Returns an empty map if there is no such file or folder.
 fn written(bench: &Bench, name: &str) -> Files {
     let path = bench.path(name);
     if path.is_file() {
@@ -196,8 +195,8 @@ fn written(bench: &Bench, name: &str) -> Files {
     files.into_iter().filter_map(|(name, bytes)| Some((name.clone(), timeless(&name, bytes)?))).collect()
 }
 
-/// The file without what it tells of its making, such as seconds; `None` for pictures with a
-/// caption that has them.
+/// Removes the parts of a file that vary between runs, such as seconds. Returns `None` for files
+/// that contain such parts in another form.
 fn timeless(name: &str, bytes: Vec<u8>) -> Option<Vec<u8>> {
     if name.ends_with("summary.png") || name.ends_with("batch.csv") {
         return None;
@@ -205,11 +204,11 @@ fn timeless(name: &str, bytes: Vec<u8>) -> Option<Vec<u8>> {
     if !name.ends_with(".json") {
         return Some(bytes);
     }
-    let mut notes: Value = serde_json::from_slice(&bytes).expect("whole JSON");
+    let mut notes: Value = serde_json::from_slice(&bytes).expect("the file is complete JSON");
     if let Some(notes) = notes.as_object_mut() {
-        // The folder of the output is among the arguments of a row.
+        // The arguments of a row contain the output folder.
         notes.retain(|key, _| key != "seconds" && key != "arguments");
-        // Whether the plan came from the cache.
+        // The origin of the plan, cache or built.
         if let Some(transfer) = notes.get_mut("transfer").and_then(Value::as_object_mut) {
             transfer.remove("plan");
         }
@@ -217,7 +216,7 @@ fn timeless(name: &str, bytes: Vec<u8>) -> Option<Vec<u8>> {
     Some(notes.to_string().into_bytes())
 }
 
-/// Checks that an output is as it should be, or is not there; whether it is there.
+/// Checks that an output is equal to `whole` or absent. Returns whether it exists.
 #[track_caller]
 fn whole_or_absent(bench: &Bench, name: &str, whole: &Files) -> bool {
     let found = written(bench, name);
@@ -228,7 +227,7 @@ fn whole_or_absent(bench: &Bench, name: &str, whole: &Files) -> bool {
     true
 }
 
-/// Checks that two outputs are the same.
+/// Checks that two outputs are equal.
 #[track_caller]
 fn same(found: &Files, whole: &Files, what: &str) {
     assert_eq!(found.keys().collect::<Vec<_>>(), whole.keys().collect::<Vec<_>>(), "{what}: files");
@@ -242,7 +241,7 @@ fn same(found: &Files, whole: &Files, what: &str) {
     }
 }
 
-/// Hidden files and folders below the bench that a run left.
+/// Lists the hidden files and folders that runs left below the bench.
 fn leftovers(bench: &Bench) -> Vec<String> {
     let names = bench.tree().into_keys().map(|path| path.display().to_string());
     names.filter(|path| path.contains("/.gonio-")).collect()

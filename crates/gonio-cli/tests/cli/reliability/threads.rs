@@ -1,10 +1,10 @@
-//! Answers do not depend on the number of threads.
+//! Tests that results do not depend on the number of threads.
 
 use super::{Job, job, same, written};
 
 fn compare(job: &Job) {
     let bench = job.bench();
-    // On two threads it was run undisturbed.
+    // The undisturbed run had two threads.
     let whole = &job.undisturbed().files;
     for threads in [1, 7] {
         bench.run_with(&format!("{} --threads {threads}", job.to("out")), &[("GONIO_CACHE_DIR", "")]).succeeds();
@@ -13,7 +13,7 @@ fn compare(job: &Job) {
 }
 
 #[test]
-fn an_answer_is_the_same_on_one_two_and_seven_threads() {
+fn results_do_not_depend_on_the_number_of_threads() {
     compare(job("infer"));
 }
 

@@ -1,5 +1,5 @@
-//! Trains a light prior and a reflectance basis on lights and materials in memory: `cargo run
-//! --example 4_train -- OUT.model`
+//! Trains a light prior and a reflectance basis on lights and materials in memory:
+//! `cargo run --example 4_train -- OUT.model`
 
 use gonio::lighting::{lamp_light, sky_light, studio_light};
 use gonio::reflectance::parametric::{Ggx, Parametric};

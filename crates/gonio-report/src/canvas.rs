@@ -1,4 +1,4 @@
-//! Text and panels in pictures of linear display values, in the colours of a page on a dark screen.
+//! Draws text and panels in pictures of linear display values, with dark colours.
 
 use std::sync::LazyLock;
 
@@ -6,23 +6,23 @@ use ab_glyph::{Font, FontRef, PxScale, ScaleFont, point};
 use glam::Vec3;
 use gonio::picture::Plane;
 
-/// Colour of empty paper.
+/// Colour of the background.
 pub const PAPER: Vec3 = Vec3::new(0.0080, 0.0091, 0.0110);
 /// Colour of text.
 pub const INK: Vec3 = Vec3::new(0.791, 0.791, 0.768);
-/// Colour of text that explains.
+/// Colour of secondary text.
 pub const QUIET: Vec3 = Vec3::new(0.361, 0.397, 0.440);
-/// Side of the square of colour in a legend, pixels.
+/// Side of a colour square in a legend, in pixels.
 pub const SWATCH: usize = 12;
-/// Height of a line of text, pixels.
+/// Height of a line of text, in pixels.
 pub const LINE: usize = 24;
-/// Height of the letters of text and of headings, pixels from the deepest to the highest.
+/// Font heights of text, headings and large text: pixels from descender to ascender.
 const TEXT: f32 = 18.5;
 const HEADING: f32 = 21.0;
 const LARGE: f32 = 34.0;
-/// The typeface of pictures and pages: Inter, its Latin letters (`font/OFL.txt`).
+/// Typeface of pictures and pages: the Latin letters of Inter (`font/OFL.txt`).
 pub(crate) const REGULAR_FILE: &[u8] = include_bytes!("../font/Inter-Regular.ttf");
-/// Its heavier sister, for headings.
+/// Semi-bold typeface, for headings.
 pub(crate) const SEMIBOLD_FILE: &[u8] = include_bytes!("../font/Inter-SemiBold.ttf");
 /// Colour of the outline of an object.
 pub const OUTLINE: Vec3 = Vec3::new(0.10, 0.85, 0.75);
@@ -32,8 +32,7 @@ pub fn sheet(width: usize, height: usize) -> Plane<Vec3> {
     Plane::from_fn(width, height, |_, _| PAPER)
 }
 
-/// Copies a picture to the given position of its top left corner; anything that does not fit is cut
-/// off.
+/// Copies a picture to a position of its top left corner; parts that do not fit are cut off.
 pub fn place(out: &mut Plane<Vec3>, left: usize, top: usize, picture: &Plane<Vec3>) {
     for y in 0..picture.height().min(out.height().saturating_sub(top)) {
         for x in 0..picture.width().min(out.width().saturating_sub(left)) {
@@ -47,8 +46,7 @@ pub fn fill(out: &mut Plane<Vec3>, (left, top): (usize, usize), (width, height):
     place(out, left, top, &Plane::from_fn(width, height, |_, _| colour));
 }
 
-/// Puts a picture on a sheet of at least `width`, and lines below it, each behind a square of its
-/// colour.
+/// Puts a picture on a sheet of at least `width` pixels, with a legend of colours and labels below.
 pub fn with_legend(picture: &Plane<Vec3>, width: usize, lines: &[(Vec3, String)]) -> Plane<Vec3> {
     let wide = lines.iter().map(|(_, line)| 3 * SWATCH + width_of(line)).max().unwrap_or(0);
     let mut out = sheet(picture.width().max(width).max(wide), picture.height() + SWATCH + lines.len() * LINE);
@@ -59,13 +57,13 @@ pub fn with_legend(picture: &Plane<Vec3>, width: usize, lines: &[(Vec3, String)]
     out
 }
 
-/// Draws a line of a legend: a square of colour and what it means.
+/// Draws a line of a legend: a colour square and its label.
 pub fn legend(out: &mut Plane<Vec3>, left: usize, top: usize, colour: Vec3, line: &str) {
     fill(out, (left, top + 3), (SWATCH, SWATCH), colour);
     text(out, left + SWATCH + 8, top, line);
 }
 
-/// Height of a line of large text, pixels.
+/// Height of a line of large text, in pixels.
 pub const LARGE_LINE: usize = 44;
 
 /// Writes a line of large text, for pictures that are often shown small.
@@ -73,22 +71,22 @@ pub fn large(out: &mut Plane<Vec3>, left: usize, top: usize, line: &str) {
     write(out, (left, top), &REGULAR, LARGE, INK, line);
 }
 
-/// Writes a line of large text that explains.
+/// Writes a line of large secondary text.
 pub fn large_note(out: &mut Plane<Vec3>, left: usize, top: usize, line: &str) {
     write(out, (left, top), &REGULAR, LARGE, QUIET, line);
 }
 
-/// Width of a line of large text, pixels.
+/// Returns the width of a line of large text, in pixels.
 pub fn large_width_of(line: &str) -> usize {
     width(LARGE, line)
 }
 
-/// Writes a line of text from its top left corner; what does not fit is cut off.
+/// Writes a line of text from its top left corner; parts that do not fit are cut off.
 pub fn text(out: &mut Plane<Vec3>, left: usize, top: usize, line: &str) {
     write(out, (left, top), &REGULAR, TEXT, INK, line);
 }
 
-/// Writes a line of text that explains.
+/// Writes a line of secondary text.
 pub fn note(out: &mut Plane<Vec3>, left: usize, top: usize, line: &str) {
     write(out, (left, top), &REGULAR, TEXT, QUIET, line);
 }
@@ -98,7 +96,7 @@ pub fn heading(out: &mut Plane<Vec3>, left: usize, top: usize, line: &str) {
     write(out, (left, top), &SEMIBOLD, HEADING, INK, line);
 }
 
-/// Width of a line of text, pixels.
+/// Returns the width of a line of text, in pixels.
 pub fn width_of(line: &str) -> usize {
     width(TEXT, line)
 }
@@ -117,7 +115,7 @@ fn face(file: &'static [u8]) -> FontRef<'static> {
 
 fn write(out: &mut Plane<Vec3>, (left, top): (usize, usize), face: &FontRef<'_>, size: f32, colour: Vec3, line: &str) {
     let font = face.as_scaled(PxScale::from(size));
-    // On whole pixels: lines of text that belong together look alike.
+    // A baseline on whole pixels makes all lines look alike.
     let baseline = top as f32 + font.ascent().round() - 1.0;
     let mut x = left as f32;
     for letter in line.chars() {
@@ -141,7 +139,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn letters_are_drawn_where_they_fit() {
+    fn draws_text_and_cuts_it_off_at_the_edges() {
         let mut out = sheet(200, LINE);
         text(&mut out, 2, 0, "Halfway θ = 80°");
         let inked = |x: usize| (0..LINE).any(|y| out[(x, y)] != PAPER);
@@ -152,7 +150,7 @@ mod tests {
     }
 
     #[test]
-    fn the_typeface_has_what_is_written() {
+    fn typefaces_contain_all_used_characters() {
         for letter in "ABCxyz0123456789 %°²·×±≈–—’“”äéñ→αθφ()[]|;:,./".chars() {
             for face in [&*REGULAR, &*SEMIBOLD] {
                 assert_ne!(face.glyph_id(letter).0, 0, "{letter:?}");

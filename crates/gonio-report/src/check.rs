@@ -11,25 +11,25 @@ use crate::canvas::{OUTLINE, PAPER, fill, heading, with_legend};
 use crate::panels::over_paper;
 use crate::panels::used::{MARKS, legend};
 
-/// Longest side of the photograph in the picture, pixels.
+/// Longest side of the photograph in the picture, in pixels.
 const SIDE: usize = 1024;
 /// Side up to which small photographs are enlarged.
 const LEAST: usize = 480;
-/// Width of the picture for the legend to fit.
+/// Smallest width of the picture, so that the legend fits.
 const WIDTH: usize = 320;
 /// Factor by which the photograph is darkened outside of the objects.
 const SHADE: f32 = 0.35;
 
-/// Width of the outline, pixels.
+/// Width of the outline, in pixels.
 const WEIGHT: usize = 2;
 
 /// Factor by which the photograph is darkened under numbered circles.
 const UNDER: f32 = 0.6;
-/// Side of the square behind a number, pixels.
+/// Side of the square behind a number, in pixels.
 const BADGE: usize = 28;
 
-/// Draws the photograph with circles and their numbers, which a legend gives in pixels of the
-/// photograph. Linear display values in 0..=1.
+/// Draws the photograph with numbered circles, and a legend of their parameters in pixels of the
+/// photograph. Returns linear display values in 0..=1.
 pub fn draw_candidates(picture: &Picture, circles: &[Circle]) -> Plane<Vec3> {
     let finite = |i: usize| picture.rgb.as_slice()[i].is_finite();
     let shown = over_paper(picture, Exposure::by_quantile(&picture.rgb, finite, 0.9, 0.6));
@@ -44,7 +44,7 @@ pub fn draw_candidates(picture: &Picture, circles: &[Circle]) -> Plane<Vec3> {
     });
     let mut lines = Vec::new();
     for (at, Circle { x, y, radius }) in circles.iter().enumerate() {
-        // On the circle, each at another side: circles within each other often touch.
+        // Numbers are at different sides of their circles, because nested circles often touch.
         let (down, right) = (1.25 * PI + TAU * at as f64 / 5.0).sin_cos();
         let corner = |centre: f64, toward: f64, most: usize| {
             let place = (centre + toward * radius) / frame.pixel() - 0.5 * BADGE as f64;
@@ -58,11 +58,11 @@ pub fn draw_candidates(picture: &Picture, circles: &[Circle]) -> Plane<Vec3> {
     with_legend(&drawn, WIDTH, &lines)
 }
 
-/// Reduces a large photograph, and enlarges a small one, by whole numbers.
+/// Scaling of a photograph by an integer factor: large ones are reduced, small ones enlarged.
 struct Frame {
     /// Columns and rows of the picture.
     size: (usize, usize),
-    /// Pixels of the photograph that share one of the picture along a side, and the reverse.
+    /// Pixels of the photograph per pixel of the picture along a side, and vice versa.
     step: usize,
     times: usize,
 }
@@ -74,17 +74,17 @@ impl Frame {
         Self { size: (width.div_ceil(step) * times, height.div_ceil(step) * times), step, times }
     }
 
-    /// Side of a pixel of the picture in pixels of the photograph.
+    /// Returns the side of a pixel of the picture in pixels of the photograph.
     fn pixel(&self) -> f64 {
         self.step as f64 / self.times as f64
     }
 
-    /// The first pixel of the photograph behind one of the picture.
+    /// Returns the first pixel of the photograph in a pixel of the picture.
     fn first(&self, x: usize, y: usize) -> (usize, usize) {
         (x / self.times * self.step, y / self.times * self.step)
     }
 
-    /// The pixels of the photograph, of `size`, behind one of the picture.
+    /// Iterates over the pixels of a photograph of `size` in a pixel of the picture.
     fn behind(&self, x: usize, y: usize, size: (usize, usize)) -> impl Iterator<Item = (usize, usize)> + use<> {
         let (first, step) = (self.first(x, y), self.step);
         let span = move |from: usize, most: usize| from..(from + step).min(most);
@@ -92,8 +92,8 @@ impl Frame {
     }
 }
 
-/// Draws the photograph, dark outside of the objects, with their outlines and the pixels that are
-/// left out. Linear display values in 0..=1.
+/// Draws the photograph, dark outside of the objects, with their outlines and marks on ignored
+/// pixels. Returns linear display values in 0..=1.
 pub fn draw(picture: &Picture, sightings: &[&Sighting]) -> Plane<Vec3> {
     let (width, height) = picture.rgb.size();
     let owner = Plane::from_fn(width, height, |x, y| sightings.iter().position(|sighting| sighting.contains(x, y)));
@@ -101,7 +101,7 @@ pub fn draw(picture: &Picture, sightings: &[&Sighting]) -> Plane<Vec3> {
         let of = |sighting: &&Sighting| sighting.observations.fates.as_ref().map(|fates| fates[(x, y)]);
         sightings.iter().filter_map(of).find(|fate| *fate != Fate::Outside).unwrap_or_default()
     });
-    // Fates are told only where pixels are left out.
+    // A sighting without ignored pixels has no fates; its pixels are `Outside` here.
     let observed = |i: usize| {
         owner.as_slice()[i].is_some()
             && matches!(fates.as_slice()[i], Fate::Used | Fate::Outside)

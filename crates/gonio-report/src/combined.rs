@@ -8,23 +8,23 @@ use crate::canvas::fill;
 use crate::panels::{PANEL, Stage, over_paper, own_sphere_light, sphere_exposure};
 use crate::summary;
 
-/// Spheres in a row, at most.
+/// Largest number of spheres in a row.
 const ROW: usize = 4;
 
-/// Height of a bar of colour under a sphere.
+/// Height of the colour bar under a sphere, in pixels.
 const BAR: usize = 6;
 
-/// A sphere with the line under it.
+/// A sphere with its label.
 pub struct Shown {
-    /// The line.
+    /// Label under the sphere.
     pub label: String,
     /// The material, linear RGB.
     pub tables: [BivariateTable; 3],
 }
 
-/// Composes the combined material with the ends of its probable range in the first row, and what
-/// each photograph says by itself below, all in one light; and the combined material alone. Linear
-/// display values in 0..=1.
+/// Composes the combined material with both ends of its interval in the first row, and the
+/// materials of the single photographs below, all in one light. Also returns the sphere of the
+/// combined material. Pictures are linear display values in 0..=1.
 pub fn compose(combined: &[Shown; 3], singles: &[Shown], caption: &str) -> (Plane<Vec3>, Plane<Vec3>) {
     let all: Vec<&Shown> = combined.iter().chain(singles).collect();
     let drawn = drawn(&all);
@@ -36,8 +36,8 @@ pub fn compose(combined: &[Shown; 3], singles: &[Shown], caption: &str) -> (Plan
     (sheet, panels[0].clone())
 }
 
-/// Puts a picture and the spheres of several materials below each other, each material with a bar
-/// of its colour in the picture. Linear display values in 0..=1.
+/// Composes a picture and, below it, spheres of several materials, each with a bar in its colour in
+/// the picture. Returns linear display values in 0..=1.
 pub fn side_by_side(
     (picture, title): (&Plane<Vec3>, &str),
     materials: &[Shown],
@@ -54,7 +54,7 @@ pub fn side_by_side(
     in_rows(vec![(title, picture)], &labelled(&all, &panels), caption)
 }
 
-/// Spheres in the built-in light.
+/// Renders spheres in the first built-in light.
 fn drawn(all: &[&Shown]) -> Vec<Picture> {
     let tables: Vec<[BivariateTable; 3]> = all.iter().map(|shown| shown.tables.clone()).collect();
     Stage::of(&own_sphere_light()).spheres(&tables)
@@ -64,7 +64,7 @@ fn labelled<'a>(all: &[&'a Shown], panels: &'a [Plane<Vec3>]) -> Vec<(&'a str, &
     all.iter().map(|shown| shown.label.as_str()).zip(panels).collect()
 }
 
-/// A first row, and the others below it, a few in a row.
+/// Arranges a first row, and all others below it in rows of [`ROW`].
 fn in_rows(first: Vec<(&str, &Plane<Vec3>)>, rest: &[(&str, &Plane<Vec3>)], caption: &str) -> Plane<Vec3> {
     let rows: Vec<_> = std::iter::once(first).chain(rest.chunks(ROW).map(<[_]>::to_vec)).collect();
     summary::side_by_side(&rows, caption)

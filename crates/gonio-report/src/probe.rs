@@ -10,13 +10,13 @@ use gonio::scene::Fate;
 use crate::canvas::{INK, LINE, OUTLINE, PAPER, fill, legend as legend_line, note, place, sheet, text};
 use crate::panels::resize;
 
-/// Height of a panel, pixels; the map is twice as wide.
+/// Height of a panel in pixels; the map is twice as wide.
 const PANEL: usize = 400;
-/// Distance between panels, pixels.
+/// Distance between panels, in pixels.
 const GAP: usize = 16;
 /// Factor by which the photograph is darkened outside of the ball.
 const SHADE: f32 = 0.25;
-/// Width of a stripe of hatching, pixels.
+/// Width of a stripe of hatching, in pixels.
 const STRIPE: usize = 3;
 /// Margin around the ball, as a share of its size.
 const MARGIN: f64 = 0.04;
@@ -26,8 +26,8 @@ const CLIPPED: Vec3 = Vec3::new(0.95, 0.08, 0.05);
 const FAULTY: Vec3 = Vec3::new(0.8, 0.0, 0.5);
 const CAMERA: Vec3 = Vec3::new(0.03, 0.22, 0.95);
 
-/// Draws the views side by side with the outline found and what was left out of each, and the map
-/// with what was filled hatched. Linear display values in 0..=1.
+/// Draws the views side by side with outlines and marks on ignored pixels, and the map with
+/// interpolated parts hatched. Returns linear display values in 0..=1.
 pub fn draw(views: &[&View], probe: &Probe) -> Plane<Vec3> {
     let several = views.len() > 1;
     let (captions, legend) = (captions(probe), legend(views));
@@ -75,7 +75,7 @@ fn captions(probe: &Probe) -> Vec<String> {
     lines
 }
 
-/// The marks that occur, with what they mean.
+/// Returns the colours and labels of the marks that occur.
 fn legend(views: &[&View]) -> Vec<(Vec3, &'static str)> {
     let any = |fates: &[Fate]| views.iter().any(|view| view.count(fates) > 0);
     [
@@ -95,8 +95,8 @@ fn stripe(x: usize, y: usize) -> bool {
     ((x + y) / STRIPE).is_multiple_of(2)
 }
 
-/// The part of the photograph with the ball, what was left out marked; that of the camera if the
-/// other of two views stands in for it.
+/// Draws the part of the photograph with the ball, with marks on ignored pixels. If `several`, the
+/// reflection of the camera is marked, too, because the other view replaces it.
 fn photograph(view: &View, several: bool) -> Plane<Vec3> {
     let fates = view.fates();
     let (width, height) = fates.size();
@@ -136,7 +136,7 @@ fn photograph(view: &View, several: bool) -> Plane<Vec3> {
     })
 }
 
-/// The map, tone-mapped, with what was filled hatched.
+/// Draws the tone-mapped map with interpolated parts hatched.
 fn map(probe: &Probe) -> Plane<Vec3> {
     let (width, height) = (2 * PANEL, PANEL);
     let light = resize(probe.light.radiance(), width, height);

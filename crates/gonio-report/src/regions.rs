@@ -1,4 +1,4 @@
-//! The materials of several regions of a photograph.
+//! Picture and HTML page of several regions of a photograph.
 
 use glam::Vec3;
 use gonio::picture::{Picture, Plane};
@@ -9,7 +9,7 @@ use crate::page::figure::picture as embedded;
 use crate::page::{Section, document};
 use crate::panels::{PANEL, resize};
 
-/// Colours of regions, which are told apart by most eyes.
+/// Colours of regions, which most viewers can distinguish.
 const COLOURS: [Vec3; 8] = [
     Vec3::new(0.90, 0.36, 0.02),
     Vec3::new(0.02, 0.36, 0.80),
@@ -21,7 +21,8 @@ const COLOURS: [Vec3; 8] = [
     Vec3::new(0.55, 0.55, 0.60),
 ];
 
-/// The photograph with its regions tinted, as high as a panel, and the colour of each region.
+/// Draws the photograph with tinted regions at the height of a panel. Also returns the colour of
+/// each region.
 pub fn painted(photograph: &Picture, masks: &[&Plane<f32>]) -> (Plane<Vec3>, Vec<Vec3>) {
     let colours: Vec<Vec3> = (0..masks.len()).map(|at| COLOURS[at % COLOURS.len()]).collect();
     let (width, height) = photograph.rgb.size();
@@ -43,17 +44,17 @@ pub struct Row {
     pub name: String,
     /// 5, 50 and 95 % quantiles of its gloss.
     pub gloss: Option<[f64; 3]>,
-    /// The nearest measured material.
+    /// Measured material with the most similar highlight.
     pub nearest: Option<String>,
     /// Its albedo relative to that of the brightest region.
     pub relative_albedo: Option<f64>,
-    /// Residual, relative.
+    /// Relative residual.
     pub misfit: f64,
     /// Warnings.
     pub warnings: Vec<String>,
 }
 
-/// The page of all regions, with a link to the page of each.
+/// Renders the page of all regions, with links to the report of each region.
 pub fn page(image: &str, overview: &Plane<Vec3>, rows: &[Row]) -> String {
     let lead = html! {
         p { (rows.len()) " materials in " (image) ". Each name links to the report of the region." }

@@ -7,16 +7,16 @@ use gonio::picture::Plane;
 use crate::canvas::{INK, LARGE_LINE, fill, large, large_note, large_width_of, place, sheet};
 use crate::panels::{PANEL, Panels, Subject, resolution};
 
-/// Space between panels.
+/// Space between panels, in pixels.
 const GAP: usize = 28;
-/// Height of a name with its bar.
+/// Height of a name with its bar, in pixels.
 const ROW: usize = 56;
 
-/// Height of a row of panels.
+/// Height of a row of panels, in pixels.
 const HIGH: usize = PANEL + GAP + LARGE_LINE + 8;
 
-/// Composes photograph, reproduction, their difference and the light, below them the material with
-/// the ends of the probable range, and a line of text below all. Linear display values in 0..=1.
+/// Composes photograph, reproduction, their difference and the light; below them the material with
+/// both ends of its interval, and a caption. Returns linear display values in 0..=1.
 pub fn compose(subject: &Subject<'_>, panels: &Panels, caption: &str) -> Plane<Vec3> {
     let given = match subject.light {
         Some(light) => format!("estimated light, resolution {:.0}°", resolution(light)),
@@ -42,7 +42,7 @@ pub fn compose(subject: &Subject<'_>, panels: &Panels, caption: &str) -> Plane<V
     side_by_side(&rows, caption)
 }
 
-/// The photograph in a picture that [`compose`] made; `None` of any other.
+/// Extracts the photograph from a picture by [`compose`]; `None` for other pictures.
 pub fn photograph(sheet: &Plane<Vec3>) -> Option<Plane<Vec3>> {
     let (width, height) = sheet.size();
     let panels = width.checked_sub(GAP)? / (PANEL + GAP);
@@ -59,7 +59,7 @@ fn in_square(map: &Plane<Vec3>) -> Plane<Vec3> {
     out
 }
 
-/// Draws names with bars as long as their weights.
+/// Draws names with bars whose lengths are proportional to the weights.
 fn nearest(neighbours: &[Neighbour]) -> Plane<Vec3> {
     let mut out = sheet(PANEL, PANEL);
     let top = neighbours.first().map_or(1.0, |m| m.weight);
@@ -76,8 +76,7 @@ fn nearest(neighbours: &[Neighbour]) -> Plane<Vec3> {
     out
 }
 
-/// Puts panels side by side and rows below each other with a line of text under each panel, and one
-/// under all.
+/// Arranges rows of panels, with a label under each panel and a caption at the bottom.
 pub(crate) fn side_by_side(rows: &[Vec<(&str, &Plane<Vec3>)>], caption: &str) -> Plane<Vec3> {
     let width = |row: &Vec<(&str, &Plane<Vec3>)>| GAP + row.iter().map(|(_, p)| p.width() + GAP).sum::<usize>();
     let mut out = sheet(rows.iter().map(width).max().unwrap_or(0), rows.len() * HIGH + GAP + LARGE_LINE);
@@ -98,7 +97,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_photograph_is_found_again() {
+    fn extracts_the_photograph() {
         let panel = |grey: f32| Plane::from_fn(PANEL, PANEL, |x, y| Vec3::new(grey, x as f32, y as f32) / 512.0);
         let (first, other) = (panel(1.0), panel(2.0));
         let row = || vec![("photograph", &first), ("a", &other), ("b", &other), ("c", &other)];

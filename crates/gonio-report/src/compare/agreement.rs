@@ -7,7 +7,7 @@ use serde_json::Value;
 use super::{Entry, plain};
 use crate::report::{short, three};
 
-/// The 5, 50 and 95 % quantiles of what describes a highlight, as far as a result tells them.
+/// 5, 50 and 95 % quantiles of gloss and GGX alpha; `None` if a result does not contain them.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Highlight {
     pub(super) gloss: Option<[f64; 3]>,
@@ -29,19 +29,19 @@ impl Highlight {
 pub enum Agreement {
     /// The estimate of each lies in the interval of the other.
     Agree,
-    /// The intervals overlap, but an estimate lies outside of the other's.
+    /// The intervals overlap, but an estimate lies outside of the other's interval.
     Overlap,
-    /// Intervals lie apart.
+    /// Intervals do not overlap.
     Differ,
-    /// One of them has no intervals.
+    /// One of the results has no intervals.
     Unknown,
 }
 
 impl Agreement {
-    /// All of them.
+    /// All values, from the best to the worst.
     pub(super) const ALL: [Self; 4] = [Self::Agree, Self::Overlap, Self::Differ, Self::Unknown];
 
-    /// A word for it.
+    /// Returns the name of the agreement.
     pub fn word(self) -> &'static str {
         match self {
             Self::Agree => "agree",
@@ -51,7 +51,7 @@ impl Agreement {
         }
     }
 
-    /// Agreement of one number.
+    /// Compares the quantiles of one number in two results.
     fn of(a: [f64; 3], b: [f64; 3]) -> Self {
         let within = |x: f64, [low, _, high]: [f64; 3]| (low..=high).contains(&x);
         if a[0] > b[2] || b[0] > a[2] {
@@ -64,20 +64,20 @@ impl Agreement {
     }
 }
 
-/// Two results beside each other.
+/// Comparison of two results.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Pair {
-    /// Their places among all.
+    /// Indices of the results.
     pub(super) of: [usize; 2],
     /// Agreement of their intervals.
     pub agreement: Agreement,
-    /// [`log_distance`] of their BRDFs, where both are there and not black.
+    /// [`log_distance`] of their BRDFs, if both exist and are not zero.
     pub distance: Option<f64>,
-    /// Whether they agree, in a sentence.
+    /// Description of the agreement in a sentence.
     pub sentence: String,
 }
 
-/// All pairs of these results.
+/// Compares all pairs of results, except those of missing results.
 pub(super) fn pairs(entries: &[Entry]) -> Vec<Pair> {
     let of: Vec<[usize; 2]> = (0..entries.len()).flat_map(|b| (0..b).map(move |a| [a, b])).collect();
     of.into_par_iter()
@@ -96,7 +96,7 @@ fn distance(a: &BivariateTable, b: &BivariateTable) -> Option<f64> {
     Some(log_distance(a, b)).filter(|distance| distance.is_finite())
 }
 
-/// Compares two results by name, by the worst of what is known of both.
+/// Compares two named results. Returns the worst agreement of the numbers that both contain.
 fn agreement((a, of_a): (&str, Highlight), (b, of_b): (&str, Highlight)) -> (Agreement, String) {
     let known = [("gloss", of_a.gloss, of_b.gloss), ("GGX alpha", of_a.alpha, of_b.alpha)]
         .into_iter()
@@ -154,7 +154,7 @@ mod tests {
     }
 
     #[test]
-    fn intervals_that_overlap_without_the_estimates_settle_nothing() {
+    fn overlapping_intervals_without_the_estimates_overlap() {
         let (a, b) = (highlight([4.0, 10.0, 30.0], [0.1, 0.2, 0.3]), highlight([20.0, 50.0, 90.0], [0.1, 0.2, 0.3]));
         let (agreement, sentence) = said(a, b);
         assert_eq!(agreement, Agreement::Overlap);
@@ -166,7 +166,7 @@ mod tests {
     }
 
     #[test]
-    fn one_number_apart_is_enough_to_differ() {
+    fn one_disjoint_interval_is_a_difference() {
         let (a, b) = (highlight([4.0, 10.0, 30.0], [0.1, 0.2, 0.3]), highlight([4.0, 10.0, 30.0], [0.5, 0.6, 0.7]));
         let (agreement, sentence) = said(a, b);
         assert_eq!(agreement, Agreement::Differ);
@@ -174,13 +174,13 @@ mod tests {
             sentence,
             "one and two differ, because their intervals do not overlap: GGX alpha 0.20 (0.10 to 0.30) and 0.60 (0.50 to 0.70)."
         );
-        // Ends that touch overlap.
+        // Intervals with a common end overlap.
         let touching = highlight([30.0, 40.0, 50.0], [0.3, 0.4, 0.5]);
         assert_eq!(said(a, touching).0, Agreement::Overlap);
     }
 
     #[test]
-    fn what_has_no_intervals_is_named() {
+    fn names_the_result_without_intervals() {
         let a = highlight([4.0, 10.0, 30.0], [0.1, 0.2, 0.3]);
         let (agreement, sentence) = said(a, Highlight::default());
         assert_eq!(agreement, Agreement::Unknown);
@@ -190,7 +190,7 @@ mod tests {
     }
 
     #[test]
-    fn numbers_that_are_no_quantiles_are_left_out() {
+    fn ignores_invalid_quantiles() {
         let of = |low: Value| {
             Highlight::of(&json!({ "posterior": { "gloss": {
                 "5": low, "50": 2.0, "95": 3.0, "ggx_alpha": { "5": 0.1, "50": 0.2, "95": 0.3 },
@@ -222,7 +222,7 @@ mod tests {
         let pairs = pairs(&entries);
         let distance = |a: usize, b: usize| pairs.iter().find(|pair| pair.of == [a, b]).map(|pair| pair.distance);
         assert_eq!(distance(0, 1), Some(Some(log_distance(&table(0.1), &table(0.3)))));
-        // Without a result, without a table, and of a black one.
+        // A missing result, a missing table, and a zero table.
         assert_eq!([distance(0, 2), distance(0, 3), distance(0, 4)], [None, Some(None), Some(None)]);
         assert_eq!(pairs.len(), 6);
     }

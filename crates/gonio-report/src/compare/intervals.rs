@@ -7,7 +7,7 @@ use crate::page::chart::Axis;
 use crate::page::chart::scale::{Scale, short as tick};
 use crate::report::short;
 
-/// Marks on the axis, at most.
+/// Largest number of marks on the axis.
 const MARKS: usize = 6;
 
 pub(super) fn section(entries: &[Entry]) -> Markup {
@@ -29,7 +29,7 @@ pub(super) fn section(entries: &[Entry]) -> Markup {
     }
 }
 
-/// Draws intervals as bars on a logarithmic axis; `None` of none.
+/// Draws intervals as bars on a logarithmic axis; `None` if there are no intervals.
 fn chart(title: &str, intervals: &[(&str, [f64; 3])]) -> Option<Markup> {
     if intervals.is_empty() {
         return None;
@@ -64,19 +64,19 @@ fn chart(title: &str, intervals: &[(&str, [f64; 3])]) -> Option<Markup> {
 mod tests {
     use super::*;
 
-    /// Shares of a style of all elements of a class.
+    /// Returns the percentages of a style in all elements of a class.
     fn styles(html: &str, class: &str, style: &str) -> Vec<f64> {
         let within = |rest: &str| rest.split(style).nth(1)?.split('%').next()?.parse().ok();
         html.split(&format!("<i class=\"{class}\" style=\"")).skip(1).filter_map(within).collect()
     }
 
     #[test]
-    fn bars_lie_where_their_numbers_are() {
+    fn bars_are_at_their_values() {
         let html = chart("gloss", &[("a", [1.0, 10.0, 100.0]), ("b", [10.0, 100.0, 1000.0])]).unwrap().into_string();
         let (left, width) = (styles(&html, "bar", "left:"), styles(&html, "bar", "width:"));
         let dots = styles(&html, "dot", "left:");
         assert_eq!((left.len(), width.len(), dots.len()), (2, 2, 2));
-        // A decade is as long everywhere; the second interval begins at the first estimate.
+        // All decades have equal lengths. The second interval begins at the first estimate.
         assert!((width[0] - width[1]).abs() < 0.02 && (dots[0] - left[1]).abs() < 0.02, "{html}");
         assert!((left[0] + width[0] - dots[1]).abs() < 0.02 && (0.0..10.0).contains(&left[0]));
         assert!(html.contains("aria-label=\"10 (1.0 to 100)\"") && html.contains(">100<"), "{html}");

@@ -9,7 +9,7 @@ use crate::page::chart::{Axis, COLOURS, Frame, LINES, Series, chart};
 use crate::page::figure;
 use crate::report::cut;
 
-/// Difference angle of the cut, degrees: near normal incidence, where highlights are sharpest.
+/// Difference angle of the cut in degrees: near normal incidence, where highlights are sharpest.
 const CUT: usize = 5;
 
 pub(super) fn section(entries: &[Entry]) -> Markup {
@@ -20,7 +20,7 @@ pub(super) fn section(entries: &[Entry]) -> Markup {
     let series: Vec<Series> = tables
         .enumerate()
         .map(|(at, (entry, table))| {
-            // Colours begin again, with another kind of line.
+            // When the colours repeat, the line style changes.
             let mark = LINES[at / COLOURS % LINES.len()];
             Series { name: plain(&entry.name), points: cut(&table, CUT), mark }
         })
@@ -43,7 +43,7 @@ pub(super) fn section(entries: &[Entry]) -> Markup {
     )
 }
 
-/// The table at the common albedo; `None` of a black one.
+/// Scales a table to the common albedo; `None` if the table is zero.
 fn scaled(table: &BivariateTable) -> Option<BivariateTable> {
     let albedo = table.normal_albedo();
     (albedo.is_finite() && albedo > 0.0).then(|| table.scaled(ALBEDO / albedo))
@@ -62,7 +62,7 @@ mod tests {
     }
 
     #[test]
-    fn as_many_curves_as_tables_that_reflect() {
+    fn draws_one_curve_per_nonzero_table() {
         let flat = |value: f64| Some(BivariateTable::from_fn(move |_, _| value));
         let names = |tables: Vec<Option<BivariateTable>>| {
             let entries: Vec<Entry> =
@@ -72,7 +72,7 @@ mod tests {
         let drawn = names(vec![flat(0.1), None, flat(0.0), flat(7.0)]);
         assert!(drawn.contains("Shown: n0; n3."), "{drawn}");
         assert!(names(vec![None, flat(0.0)]).contains("No folder contains"));
-        // Twenty-four curves are told apart by colour and kind.
+        // The curves of 24 results differ by colour or line style.
         let all = names((0..MOST).map(|i| flat(0.1 + i as f64)).collect());
         assert_eq!(all.matches("stroke-dasharray=\"6 3\"").count(), 8);
         assert_eq!(all.matches("stroke-dasharray=\"3 4\"").count(), 8);

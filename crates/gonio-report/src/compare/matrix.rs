@@ -4,7 +4,7 @@ use maud::{Markup, html};
 
 use super::{Agreement, Comparison, Entry, MOST, Pair, left_out, plain};
 
-/// Pairs of which every sentence is shown, at most.
+/// Largest number of pairs that are described in sentences.
 const SENTENCES: usize = 10;
 
 pub(super) fn section(comparison: &Comparison) -> Markup {
@@ -110,7 +110,7 @@ mod tests {
     }
 
     #[test]
-    fn of_many_pairs_those_that_differ_are_told() {
+    fn lists_only_differing_pairs_of_many() {
         let of: Vec<[usize; 2]> = (0..6).flat_map(|b| (0..b).map(move |a| [a, b])).collect();
         let kind = |of: [usize; 2]| if of == [1, 4] { Agreement::Differ } else { Agreement::Agree };
         let pairs: Vec<Pair> = of.iter().map(|of| pair(*of, kind(*of), Some(0.2))).collect();

@@ -20,28 +20,27 @@ use agreement::Highlight;
 
 const STYLE: &str = include_str!("compare.css");
 
-/// Results whose BRDFs are drawn over each other and compared, at most.
+/// Largest number of results whose BRDFs are drawn in one chart and compared.
 pub const MOST: usize = 24;
-/// Results that are shown with pictures, at most.
+/// Largest number of results that are shown with pictures.
 pub const MOST_PICTURES: usize = 200;
 
-/// Longer side of the pictures of a result, pixels: shown at half of it.
+/// Longer side of the pictures of a result, in pixels. The page shows them at half this size.
 const THUMBNAIL: usize = 224;
-/// Letters of a text from a folder that are shown, at most.
+/// Largest number of characters of a text from a folder.
 const LETTERS: usize = 400;
 
 /// A result.
 pub struct Entry {
     /// Name.
     pub name: String,
-    /// Address of its own page, relative to this one.
+    /// URL of its report, relative to this page.
     pub report: Option<String>,
     /// Contents of its folder, or the error.
     pub found: Result<Found, String>,
 }
 
-/// What a folder of results holds. All of it may be missing, and nothing in it is taken for
-/// granted.
+/// Contents of a folder of results. Each part can be missing or invalid.
 #[derive(Default)]
 pub struct Found {
     /// `result.json`.
@@ -56,7 +55,7 @@ pub struct Found {
     pub faults: Vec<String>,
 }
 
-/// Makes a picture as small as the page shows it.
+/// Reduces a picture to the size for the page.
 pub fn thumbnail(picture: &Plane<Vec3>) -> Plane<Vec3> {
     let (width, height) = picture.size();
     let longest = width.max(height).max(1);
@@ -67,7 +66,7 @@ pub fn thumbnail(picture: &Plane<Vec3>) -> Plane<Vec3> {
 /// Results side by side.
 pub struct Comparison {
     entries: Vec<Entry>,
-    /// Every two of them, if there are at most [`MOST`]: without those that were not found.
+    /// All pairs of results, except missing ones; empty if there are more than [`MOST`] results.
     pub pairs: Vec<Pair>,
 }
 
@@ -78,12 +77,12 @@ impl Comparison {
         Self { entries, pairs }
     }
 
-    /// Number of results, those that were not found among them.
+    /// Returns the number of results, including missing ones.
     pub fn count(&self) -> usize {
         self.entries.len()
     }
 
-    /// Names of two results, as the page shows them.
+    /// Returns the names of two results, as the page shows them.
     pub fn names(&self, pair: &Pair) -> [String; 2] {
         pair.of.map(|at| plain(&self.entries[at].name))
     }
@@ -106,7 +105,7 @@ impl Comparison {
         Document { title: &title, lead: self.lead(), sections, style: STYLE, script: "" }.render()
     }
 
-    /// Says first whether they agree.
+    /// Renders the agreement of the results, and notes on missing parts.
     fn lead(&self) -> Markup {
         let missing = self.entries.iter().filter(|entry| entry.found.is_err()).count();
         html! {
@@ -120,18 +119,18 @@ impl Comparison {
     }
 }
 
-/// Notes that a part of the page is omitted because of too many results.
+/// Renders a note that a part of the page is omitted because of too many results.
 fn left_out(what: &str) -> Markup {
     html! { p.note { (what) ", because there are more than " (MOST) " results." } }
 }
 
-/// The results that were found.
+/// Iterates over the results that were found.
 fn found(entries: &[Entry]) -> impl Iterator<Item = (&Entry, &Found)> {
     entries.iter().filter_map(|entry| Some((entry, entry.found.as_ref().ok()?)))
 }
 
-/// A text from a folder as it can be shown: short, and without codes that turn or hide text. The
-/// page escapes markup.
+/// Shortens a text from a folder, and replaces characters that control the output or the text
+/// direction. The page escapes markup.
 fn plain(text: &str) -> String {
     let odd = |c: char| c.is_control() || matches!(c, '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}');
     let mut shown: String = text.chars().take(LETTERS).map(|c| if odd(c) { ' ' } else { c }).collect();
@@ -161,7 +160,7 @@ mod tests {
     }
 
     #[test]
-    fn what_strangers_wrote_is_text() {
+    fn escapes_names_and_notes() {
         let names = ["<script>alert(1)</script>", "\u{202e}\u{1b}[31m\"'>"];
         let page = Comparison::of(names.map(|name| entry(name, notes(10.0))).into()).render();
         for text in ["&lt;script&gt;", "&lt;b&gt;brass", "odd &amp; &lt;i&gt;", "known &lt;well&gt;"] {
@@ -172,7 +171,7 @@ mod tests {
     }
 
     #[test]
-    fn notes_of_any_kind_make_a_page() {
+    fn renders_invalid_notes() {
         let odd = [
             Value::Null,
             json!([1, 2]),
@@ -188,7 +187,7 @@ mod tests {
     }
 
     #[test]
-    fn two_results_begin_with_the_sentence() {
+    fn two_results_begin_with_their_agreement() {
         let comparison = Comparison::of(vec![entry("a", notes(10.0)), entry("b", notes(1000.0))]);
         assert_eq!(comparison.pairs[0].agreement, Agreement::Differ);
         let page = comparison.render();
@@ -197,36 +196,36 @@ mod tests {
     }
 
     #[test]
-    fn of_many_results_the_table_and_the_intervals_remain() {
+    fn many_results_have_only_table_and_intervals() {
         let of = |count: usize| {
             let mut entries: Vec<Entry> = (0..count).map(|i| entry(&format!("n{i}"), notes(10.0))).collect();
-            // Distances of all would take seconds.
+            // Computing all distances would take seconds.
             entries.iter_mut().skip(2).for_each(|entry| entry.found.as_mut().unwrap().table = None);
             Comparison::of(entries).render()
         };
         let (few, many) = (of(MOST), of(MOST + 1));
         assert!(few.contains("class=\"distances\"") && few.contains("role=\"img\""));
-        assert!(!few.contains("omitted"), "nothing is left out of a few");
+        assert!(!few.contains("omitted"), "no part is omitted");
         assert!(!many.contains("class=\"distances\""));
         assert_eq!(many.matches("because there are more than 24 results").count(), 2);
         assert_eq!(many.matches("class=\"interval\"").count(), MOST + 1);
     }
 
     #[test]
-    fn one_result_alone_has_nothing_to_agree_with() {
+    fn one_result_has_no_agreement() {
         let page = Comparison::of(vec![entry("only", notes(10.0))]).render();
         assert!(page.contains("One result") && !page.contains("id=\"agreement\""));
     }
 
     #[test]
-    fn thumbnails_keep_their_shape_and_small_pictures_their_size() {
+    fn thumbnails_keep_the_aspect_ratio_and_small_sizes() {
         let size = |w: usize, h: usize| thumbnail(&Plane::from_fn(w, h, |_, _| Vec3::ONE)).size();
         assert_eq!([size(512, 512), size(1000, 100), size(20, 10)], [(224, 224), (224, 22), (20, 10)]);
         assert_eq!(size(5000, 1), (224, 1));
     }
 
     #[test]
-    fn long_texts_are_cut() {
+    fn shortens_long_texts() {
         assert_eq!(plain(&"é".repeat(LETTERS)).chars().count(), LETTERS);
         assert_eq!(plain(&"é".repeat(LETTERS + 1)).chars().count(), LETTERS + 1);
         assert!(plain(&"a".repeat(LETTERS + 9)).ends_with('…'));

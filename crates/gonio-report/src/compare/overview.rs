@@ -51,7 +51,7 @@ fn row(at: usize, entry: &Entry) -> Markup {
     }
 }
 
-/// Says what the result was found from, and how.
+/// Renders the photographs and the method of a result.
 fn origin(notes: &Value) -> Markup {
     let of_many = notes["photographs"].as_array().into_iter().flatten();
     let images = of_many.flat_map(|photograph| texts(&photograph["images"]));
@@ -140,7 +140,7 @@ fn misfit(noise: &Value) -> Markup {
     }
 }
 
-/// Says how far the answer can be trusted, with its warnings to unfold.
+/// Renders the uncertainty of a result, its warnings (folded) and its errors.
 fn trust(notes: &Value, faults: &[String]) -> Markup {
     let warnings = texts(&notes["warnings"]);
     html! {
@@ -170,7 +170,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_row_has_the_numbers_of_its_result() {
+    fn row_contains_the_numbers_of_its_result() {
         let three = |low: f64| json!({ "5": low, "50": 2.0 * low, "95": 4.0 * low });
         let mut gloss = three(10.0);
         gloss["ggx_alpha"] = three(0.1);
@@ -205,7 +205,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_known_is_a_dash() {
+    fn unknown_values_are_dashes() {
         let found = Found { notes: json!({ "format": "gonio-result" }), ..Found::default() };
         let html = row(0, &Entry { name: "old".into(), report: None, found: Ok(found) }).into_string();
         assert_eq!((html.matches("<td").count(), html.matches('–').count()), (9, 9), "{html}");

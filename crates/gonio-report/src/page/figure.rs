@@ -16,7 +16,7 @@ pub fn cells(rgb: &Plane<Vec3>, alt: &str, zoom: usize) -> Markup {
     image(rgb, alt, "cells", zoom)
 }
 
-/// Embeds a picture, shown `width` pixels wide: finer on a screen with more pixels.
+/// Embeds a picture that is shown `width` pixels wide, and in full detail on fine screens.
 pub fn sized(rgb: &Plane<Vec3>, width: usize, alt: &str) -> Markup {
     html! { img src=(source(rgb)) width=(width) height=(width * rgb.height() / rgb.width().max(1)) alt=(alt); }
 }
@@ -26,7 +26,7 @@ fn image(rgb: &Plane<Vec3>, alt: &str, class: &str, zoom: usize) -> Markup {
     html! { img class=[class] src=(source(rgb)) width=(zoom * rgb.width()) height=(zoom * rgb.height()) alt=(alt); }
 }
 
-/// Writes a picture of linear display values as the address that holds it.
+/// Encodes a picture of linear display values as a data URL.
 pub(crate) fn source(rgb: &Plane<Vec3>) -> String {
     let png = gonio_io::picture::encode_png(rgb);
     format!("data:image/png;base64,{}", base64::engine::general_purpose::STANDARD.encode(png))
@@ -63,7 +63,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn pictures_carry_their_bytes_size_and_words() {
+    fn pictures_have_data_size_and_alt_text() {
         let red = Plane::from_fn(3, 2, |_, _| Vec3::X);
         let html = cells(&red, "a \"red\" field", 4).into_string();
         assert!(

@@ -34,7 +34,7 @@ pub struct Section {
     pub body: Markup,
 }
 
-/// The typeface of all pictures, within the page.
+/// Style sheet with the embedded typefaces.
 static TYPEFACE: LazyLock<String> = LazyLock::new(|| {
     let face = |weight: &str, file: &[u8]| {
         let file = base64::engine::general_purpose::STANDARD.encode(file);
@@ -43,11 +43,11 @@ static TYPEFACE: LazyLock<String> = LazyLock::new(|| {
     [face("100 500", REGULAR_FILE), face("501 900", SEMIBOLD_FILE)].concat()
 });
 
-/// Content security policy: a browser may only show what is in the page.
+/// Content security policy: the browser loads nothing from outside the page.
 const POLICY: &str =
     "default-src 'none'; img-src data:; font-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'";
 
-/// Tells that a page is of this program, near its beginning.
+/// Marker near the beginning of each page, which identifies pages that gonio wrote.
 pub const GENERATOR: &str = "<meta name=\"generator\" content=\"gonio\">";
 
 /// A whole report.
@@ -65,7 +65,7 @@ pub struct Document<'a> {
     pub script: &'a str,
 }
 
-/// Renders a report without a script. `lead` stands under the title, before the contents.
+/// Renders a report without a script. `lead` is placed under the title, before the contents.
 pub fn document(title: &str, lead: &Markup, sections: &[Section]) -> String {
     Document { title, lead: lead.clone(), sections: sections.to_vec(), ..Document::default() }.render()
 }
@@ -116,7 +116,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn text_is_escaped_and_nothing_is_fetched() {
+    fn escapes_text_and_loads_nothing() {
         let body = html! { p { "a < b & c" } };
         let page = document("x < y", &html! {}, &[Section { id: "one".into(), title: "\"One\"".into(), body }]);
         assert!(page.contains("a &lt; b &amp; c") && page.contains("<title>x &lt; y</title>"));

@@ -1,4 +1,4 @@
-//! Sample page with one of everything, for the browser test: it needs no data.
+//! Sample page with all elements, for the browser test. It requires no data.
 
 use glam::Vec3;
 use gonio::picture::Plane;
@@ -71,9 +71,9 @@ fn sample() -> String {
     document("Sample report", &html! { p { "One of everything." } }, &sections)
 }
 
-/// If `GONIO_SAMPLE_PAGE` is set the page is written to that file, for `tests/browser` to open.
+/// Writes the page to the file `GONIO_SAMPLE_PAGE`, if set, for the test in `tests/browser`.
 #[test]
-fn one_of_everything() {
+fn sample_page_contains_all_elements() {
     let page = sample();
     assert_eq!(page.matches("<img").count(), 14);
     assert_eq!(page.matches("role=\"img\"").count(), 4);

@@ -5,7 +5,7 @@ use maud::{Markup, html};
 /// Builds a table: headings of the columns, then rows whose first entry is the heading of the row.
 /// On a narrow screen the table scrolls.
 ///
-/// Rows shorter than the headings end early; longer ones go on without a heading.
+/// Rows can be shorter or longer than the headings.
 pub fn table(caption: &str, columns: &[&str], rows: &[Vec<String>]) -> Markup {
     html! {
         // Makes the scrolling region reachable by keyboard.

@@ -1,5 +1,5 @@
-//! A material before the half vectors of a light: its narrow lobe as weights of their levels, and
-//! the rest of it.
+//! Splits a material into a narrow lobe, as weights of the levels of a `HalfLight`, and a smooth
+//! rest.
 
 use std::f32::consts::{FRAC_PI_2, TAU};
 
@@ -8,12 +8,13 @@ use gonio::reflectance::{BivariateTable, THETA_D, THETA_H};
 
 use super::half_light::{LEVELS, variances};
 
-/// Half angles in degrees from which on a lobe is no longer all narrow, and none of it is.
+/// Half angles in degrees between which the narrow share of a lobe falls from 1 to 0.
 const NARROW: (f32, f32) = (4.0, 12.0);
-/// Difference angle in degrees below which lobes are as they are there: measured tables drop where
-/// the lamp hides behind the camera, which would be a dark dot in the middle of every sphere.
+/// Difference angle in degrees below which the lobe of this angle is used. Measured tables drop
+/// there, because the camera occludes the lamp; without the limit, each sphere would have a dark
+/// dot in its middle.
 const BLIND: usize = 5;
-/// Rows of the table below the larger of them, and one more.
+/// Number of rows of the table below the larger angle of [`NARROW`], plus one.
 const ROWS: usize = 34;
 
 /// The narrow part of a material.
@@ -22,11 +23,11 @@ pub(super) struct Gloss {
     weights: Vec<[Vec3A; LEVELS]>,
 }
 
-/// Splits a material in its narrow lobe and all else. `pixel` is the width of a pixel in radians of
-/// the normal, where it faces the camera: no lobe need be narrower.
+/// Splits a material into its narrow lobe and the rest. `pixel` is the width of a pixel in radians
+/// of the normal, where the normal faces the camera. Lobes are not narrower than a pixel.
 ///
-/// Along the half angle a table is a stack of discs, each as high as the step from its row to the
-/// next. Small discs are narrow; what is left is smooth.
+/// Over the half angle, a table is a sum of discs. The height of each disc is the step from a row
+/// to the next. Small discs form the narrow lobe; the rest is smooth.
 pub(super) fn split(tables: &[BivariateTable; 3], pixel: f32) -> (Gloss, [BivariateTable; 3]) {
     let share = |i: usize| {
         let degrees = 90.0 * edge(i).powi(2);
@@ -67,20 +68,20 @@ pub(super) fn split(tables: &[BivariateTable; 3], pixel: f32) -> (Gloss, [Bivari
     (Gloss { weights: degrees.collect() }, rest)
 }
 
-/// Root, relative to that of a right angle, of the half angle between a row and the next.
+/// Returns the square root of the half angle between a row and the next, in units of 90 degrees.
 fn edge(i: usize) -> f32 {
     (i as f32 + 0.5) / THETA_H as f32
 }
 
 impl Gloss {
-    /// Weights of the levels of light at a place of [`degree`]: what they gather times `4 cos^2` is
-    /// radiance.
+    /// Returns the weights of the levels of the light at an index from [`degree`]. The weighted sum
+    /// of the levels times `4 cos^2` is the radiance.
     pub(super) fn at(&self, degree: usize) -> &[Vec3A; LEVELS] {
         &self.weights[degree]
     }
 }
 
-/// Place in [`Gloss::at`] of a normal with this cosine to the view.
+/// Returns the index for [`Gloss::at`] of a normal with this cosine to the view direction.
 pub(super) fn degree(cos: f32) -> usize {
     (cos.clamp(0.0, 1.0).acos().to_degrees() + 0.5) as usize
 }

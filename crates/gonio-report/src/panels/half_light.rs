@@ -1,10 +1,10 @@
-//! A light as a mirror ball shows it, at every sharpness.
+//! A light over half vectors, prefiltered at several resolutions.
 //!
-//! Seen from far away, a lobe about a normal sees the light through half vectors near that normal,
-//! and which half vector stands for which light does not depend on the normal. The light is
-//! therefore laid out over half vectors once, on the stereographic disk, whose patches keep their
-//! shape, and blurred by halves; a lobe of any width is then a few smooth look-ups. Cubic splines
-//! on every level leave neither dots nor squares.
+//! For a distant camera, a lobe about a normal reflects the light at half vectors near the normal,
+//! and the light direction of a half vector does not depend on the normal. The light is therefore
+//! stored once over half vectors, on the stereographic disk, which is conformal, at successively
+//! halved resolutions. A lobe of any width is then a weighted sum of a few look-ups. Interpolation
+//! by cubic splines on each level avoids visible texels.
 
 use std::f32::consts::{PI, TAU};
 
@@ -15,7 +15,7 @@ use rayon::prelude::*;
 
 /// Texels along a side of the finest level: 0.3 degrees at the centre.
 const SIDE: usize = 768;
-/// Number of levels, each half as fine as the one before: the last blurs by 7 degrees.
+/// Number of levels, each with half the resolution of the one before; the last blurs by 7 degrees.
 pub(super) const LEVELS: usize = 6;
 
 /// Radiance times the cube of the cosine of the half vector, over half vectors in front of the
@@ -49,8 +49,8 @@ impl HalfLight {
         Self { levels }
     }
 
-    /// Sum over the levels of the light reflected at half vectors about this one, each level by its
-    /// weight in each of several results.
+    /// Computes several weighted sums over the levels of the light at a half vector. `weights`
+    /// returns the weights of the levels for each element of `out`.
     pub(super) fn gather<'a>(&self, half: Vec3, weights: impl Fn(usize) -> &'a [Vec3A; LEVELS], out: &mut [Vec3A]) {
         let (x, y) = (half.x / (1.0 + half.z), half.y / (1.0 + half.z));
         out.fill(Vec3A::ZERO);
@@ -65,10 +65,10 @@ impl HalfLight {
     }
 }
 
-/// Variance (square radians, along one axis) by which each level blurs about a half vector with
-/// this cosine to the view.
+/// Returns the variance of the blur of each level (square radians, along one axis) at a half vector
+/// with this cosine to the view direction.
 pub(super) fn variances(cos: f32) -> [f32; LEVELS] {
-    // In square texels: what the halvings before have left, and the cubic spline's own.
+    // In square texels: the variance of the previous halvings, plus 1/3 for the cubic spline.
     let mut halvings = 0.0;
     std::array::from_fn(|level| {
         let texel = 2.0 * (1.0 + cos) / (SIDE >> level) as f32;
@@ -78,12 +78,12 @@ pub(super) fn variances(cos: f32) -> [f32; LEVELS] {
     })
 }
 
-/// Centre of a texel, in -1..1.
+/// Returns the centre of a texel, in -1..1.
 fn at_centre(i: usize, side: usize) -> f32 {
     (2 * i + 1) as f32 / side as f32 - 1.0
 }
 
-/// Bilinear look-up in a lat-long map.
+/// Looks up a direction in a lat-long map with bilinear interpolation.
 pub(super) fn between(map: &Plane<Vec3>, d: Vec3) -> Vec3 {
     let (width, height) = map.size();
     let u = (d.x.atan2(-d.z) / TAU + 0.5) * width as f32 - 0.5;
@@ -96,7 +96,8 @@ pub(super) fn between(map: &Plane<Vec3>, d: Vec3) -> Vec3 {
     map[(column, top)].lerp(map[(next, top)], s).lerp(map[(column, below)].lerp(map[(next, below)], s), t)
 }
 
-/// Weights of four texels about a place between the middle two: a cubic B-spline.
+/// Returns the cubic B-spline weights of four texels; `t` in 0..=1 is the position between the
+/// middle two.
 pub(super) fn spline(t: f32) -> [f32; 4] {
     let u = 1.0 - t;
     let near = |t: f32| 2.0 / 3.0 - t * t * (1.0 - 0.5 * t);
@@ -104,7 +105,7 @@ pub(super) fn spline(t: f32) -> [f32; 4] {
 }
 
 impl Level {
-    /// Half as fine, by the binomial filter.
+    /// Returns the level at half the resolution, by a binomial filter.
     fn halved(&self) -> Self {
         const BINOMIAL: [f32; 4] = [0.125, 0.375, 0.375, 0.125];
         let side = self.side / 2;
@@ -122,7 +123,7 @@ impl Level {
         Self { side, texels }
     }
 
-    /// Smooth look-up at a place of the disk.
+    /// Interpolates the level at a point of the disk by cubic splines.
     fn at(&self, x: f32, y: f32) -> Vec3A {
         let place = |x: f32| {
             let at = ((0.5 + 0.5 * x) * self.side as f32 - 0.5).clamp(1.0, (self.side - 3) as f32);

@@ -10,15 +10,16 @@ use rayon::prelude::*;
 
 /// Rows of an estimated light for display.
 const ROWS: usize = 96;
-/// Standard deviation of its blur, in texels: the least that leaves no squares.
+/// Standard deviation of its blur in texels: the smallest value that hides the texels.
 const SPREAD: f32 = 0.6;
 
-/// A photographer's studio with little light between its lamps, `2 height` by `height`: a large
-/// softbox at the left, a narrow one at the right, another behind, over a floor that darkens
-/// towards the horizon. A mirror shows dark and bright, and a dull surface has one clear shade.
+/// Returns a photographer's studio with dark parts between the lamps, `2 height` x `height` pixels.
+/// It has a large softbox on the left, a narrow one on the right, two behind, and a floor that
+/// darkens towards the horizon. A mirror shows strong contrasts in this light, and a matte surface
+/// a clear gradient.
 pub fn dark_studio(height: usize) -> EnvironmentMap {
     let boxes = [
-        // Direction, half width and height and softness of the edge in its plane, colour.
+        // Direction; half width, half height and edge softness in its plane; colour.
         (DVec3::new(-0.75, 0.80, 0.75), (0.46, 0.40, 0.04), Vec3::new(12.5, 12.2, 11.8)),
         (DVec3::new(1.0, 0.12, 0.32), (0.10, 0.85, 0.03), Vec3::new(6.6, 7.0, 7.6)),
         (DVec3::new(-0.9, 0.25, -0.75), (0.14, 0.60, 0.04), Vec3::new(6.4, 6.3, 6.1)),
@@ -36,29 +37,30 @@ pub fn dark_studio(height: usize) -> EnvironmentMap {
             if depth > 0.0 {
                 let (a, b) = (d.dot(right) / depth / half_width, d.dot(top) / depth / half_height);
                 let edge = |x: f64, half: f64| smooth((1.0 - x.abs()) * half / soft);
-                // A lamp behind cloth: brightest in the middle.
+                // A softbox is brightest in the middle.
                 let bright = 1.1 - 0.3 * (a * a + b * b).min(2.0) as f32 * 0.5;
                 sum = sum.lerp(colour * bright, edge(a, half_width) * edge(b, half_height));
             }
         }
         sum
     };
-    EnvironmentMap::new(Plane::from_fn(2 * height, height, pixel)).expect("a lit map of the right shape")
+    EnvironmentMap::new(Plane::from_fn(2 * height, height, pixel)).expect("the map is lit and twice as wide as high")
 }
 
-/// Smooth step from 0 at 0 to 1 at 1.
+/// Returns a smooth step from 0 at 0 to 1 at 1.
 fn smooth(x: f64) -> f32 {
     let x = x.clamp(0.0, 1.0);
     (x * x * (3.0 - 2.0 * x)) as f32
 }
 
-/// Width of a texel of an estimated light, degrees: what lies closer together it cannot tell apart.
+/// Returns the resolution of an estimated light: the width of a texel in degrees.
 pub fn resolution(light: &LightGrid) -> f64 {
     (4.0 * PI).sqrt().to_degrees() / light.side() as f64
 }
 
-/// An estimated light without the squares and seams of its texels: each direction is the mean over
-/// the texels about it, by a normal distribution as wide as one. `None` if that is no light.
+/// Interpolates an estimated light without visible texels and seams: each direction is the mean of
+/// the texels around it, with Gaussian weights (standard deviation 0.6 texels). Returns `None` if
+/// the result is not a valid light, such as a black one.
 pub fn display(light: &LightGrid) -> Option<EnvironmentMap> {
     let spread = SPREAD * resolution(light).to_radians() as f32;
     let side = light.side();
@@ -106,12 +108,12 @@ mod tests {
     }
 
     #[test]
-    fn texels_fade_into_each_other_and_light_is_kept() {
+    fn display_is_smooth_and_preserves_the_integral() {
         let texels = (0..256).map(|t| Vec3::splat(if t == 100 { 256.0 } else { 0.0 })).collect();
         let shown = display(&LightGrid::from_texels(OctahedralMap::EqualArea, 16, texels)).unwrap();
         let grid = shown.to_grid(OctahedralMap::EqualArea, 64);
         assert!((grid.integral().x / (4.0 * PI) - 1.0).abs() < 0.05, "{}", grid.integral().x);
-        // One step of the map changes the light by a small part of what the texel has.
+        // Adjacent pixels differ by a small part of the radiance of the texel.
         let step = |x: usize, y: usize| (shown.radiance()[(x, y)].x - shown.radiance()[(x + 1, y)].x).abs();
         let steepest =
             (0..2 * ROWS - 1).flat_map(|x| (ROWS / 8..7 * ROWS / 8).map(move |y| step(x, y))).fold(0.0, f32::max);

@@ -23,18 +23,18 @@ pub use light::{dark_studio, display, resolution};
 pub(crate) use stage::Stage;
 use view::View;
 
-/// Height of a panel, pixels.
+/// Height of a panel, in pixels.
 pub const PANEL: usize = 512;
-/// Rows of the lights that are rendered: a mirror shows what is finer than a degree.
+/// Rows of the lights for rendering. A mirror shows details below one degree.
 const LIGHT_ROWS: usize = 256;
 
-/// Colours of observations with and without a value, in the picture of them.
+/// Colours of observations with and without a value in [`Panels::observed`].
 const USED: Vec3 = Vec3::new(0.10, 0.85, 0.75);
 const UNUSED: Vec3 = Vec3::new(0.95, 0.08, 0.05);
-/// Difference of a channel, relative to the luminance, that is shown as black or full.
+/// Difference of a channel, relative to the luminance, that is shown as black or full intensity.
 const FULL: f32 = 0.5;
 
-/// Everything that the pictures are drawn from.
+/// Data from which the pictures are drawn.
 #[derive(Clone)]
 pub struct Subject<'a> {
     /// The photograph.
@@ -49,9 +49,9 @@ pub struct Subject<'a> {
     pub table: &'a BivariateTable,
     /// Estimated light in linear RGB, for a blind method.
     pub light: Option<&'a LightGrid>,
-    /// Given light.
+    /// Known light.
     pub known_light: Option<&'a EnvironmentMap>,
-    /// Uncertainty of the reflectance, if the method gives it.
+    /// Uncertainty of the reflectance, if the method estimates it.
     pub material: Option<&'a Material>,
 }
 
@@ -61,29 +61,30 @@ pub struct Panels {
     pub photograph: Plane<Vec3>,
     /// Photograph of the object with a dot at each observation.
     pub observed: Plane<Vec3>,
-    /// Photograph with the pixels that were left out marked; `None` if there are
-    /// none except those outside.
+    /// Photograph with marks on ignored pixels; `None` if only pixels outside the object are
+    /// ignored.
     pub used: Option<Plane<Vec3>>,
     /// Reproduction from table and light.
     pub reproduction: Plane<Vec3>,
-    /// The difference of both, channel by channel, relative to their luminance: grey where they are
-    /// equal, lighter where the photograph is brighter; black or white, or a full colour, at 50 %.
+    /// Difference of photograph and reproduction in each channel, relative to their luminance: grey
+    /// where they are equal, lighter where the photograph is brighter; black, white or a full
+    /// colour at 50 %.
     pub residual: Plane<Vec3>,
     /// The light as a lat-long picture as wide as the other panels and half as high.
     pub light: Plane<Vec3>,
     /// Spheres of the BRDF in [`own_lights`], with their names.
     pub spheres: Vec<(&'static str, Plane<Vec3>)>,
-    /// Renderings of the dull and the glossy end of the probable materials in the first of these
-    /// lights, for the method that gives them.
+    /// Spheres of the dull and the glossy end of the interval in the first of these lights, for
+    /// methods that estimate the uncertainty.
     pub ends: Vec<Plane<Vec3>>,
 }
 
-/// The built-in light that spheres are first shown in.
+/// Returns the first built-in light of [`own_lights`].
 pub(crate) fn own_sphere_light() -> EnvironmentMap {
     dark_studio(LIGHT_ROWS)
 }
 
-/// Returns the built-in lights that results are shown in: analytic, `2 height` by `height`.
+/// Returns names and maps of the built-in lights for spheres, `2 height` x `height` pixels.
 pub fn own_lights(height: usize) -> [(&'static str, EnvironmentMap); 3] {
     [("studio", dark_studio(height)), ("clear sky", sky_light(height)), ("lamps at night", lamp_light(height))]
 }
@@ -110,7 +111,7 @@ impl Panels {
         let mut spheres = Vec::new();
         let mut ends = Vec::new();
         for (i, (name, light)) in own_lights(LIGHT_ROWS).into_iter().enumerate() {
-            // The ends differ in the first light as clearly as in any other.
+            // Draw the ends in the first light only; they differ as clearly in it as in the others.
             let materials = if i == 0 { &shown[..] } else { &shown[..1] };
             let drawn = Stage::of(&light).spheres(materials);
             let exposure = sphere_exposure(&drawn[0]);
@@ -132,7 +133,7 @@ impl Panels {
     }
 }
 
-/// Renders the object in the light that was found or given, on the scale of the photograph.
+/// Renders the object in the estimated or known light, on the scale of the photograph.
 fn reproduction(subject: &Subject<'_>, view: &View<'_>, input: &Picture) -> Picture {
     let stage = match (subject.light, subject.known_light) {
         (Some(grid), _) => display(grid).map(|map| Stage::of(&map)),
@@ -141,7 +142,7 @@ fn reproduction(subject: &Subject<'_>, view: &View<'_>, input: &Picture) -> Pict
     };
     let stage = stage.unwrap_or_else(|| Stage::of(&own_sphere_light()));
     let mut model = view.render(&subject.coloured(subject.table), &stage);
-    // A light that was given has its own scale; one that was found has the photograph's.
+    // A known light has its own scale; an estimated light has the scale of the photograph.
     if subject.light.is_none() {
         let sum = |p: &Picture| -> f32 {
             let covered = (0..p.rgb.as_slice().len()).filter(|&i| is_covered(p, i));
@@ -153,7 +154,7 @@ fn reproduction(subject: &Subject<'_>, view: &View<'_>, input: &Picture) -> Pict
     model
 }
 
-/// Draws the photograph, darkened, under a dot for each observation.
+/// Draws a dot for each observation on the darkened photograph.
 fn observed(subject: &Subject<'_>, view: &View<'_>, photograph: &Plane<Vec3>) -> Plane<Vec3> {
     let side = PANEL;
     let mut out = photograph.map(|p| 0.6 * *p);
@@ -174,7 +175,7 @@ fn residual(input: &Picture, model: &Picture) -> Plane<Vec3> {
     let (seen, made) = (input.rgb.as_slice(), model.rgb.as_slice());
     let add = |(sum, n), i: usize| (sum + luminance(seen[i]), n + 1.0_f32);
     let (sum, number) = (0..count).filter(|&i| both(i)).fold((0.0, 0.0), add);
-    // A factor of two where both are dark is not a large error.
+    // The floor keeps relative errors small where both are dark.
     let floor = 0.1 * sum / number.max(1.0);
     Plane::from_fn(input.rgb.width(), input.rgb.height(), |x, y| {
         let i = y * input.rgb.width() + x;
@@ -182,7 +183,8 @@ fn residual(input: &Picture, model: &Picture) -> Plane<Vec3> {
             return PAPER;
         }
         let off = (seen[i] - made[i]) / (0.5 * luminance(seen[i] + made[i]) + floor);
-        // Even steps of the difference look even when coded as sRGB, about a power of 2.2.
+        // sRGB has a gamma of about 2.2, so equal steps of the difference become equal steps of
+        // code.
         (0.5 + 0.5 * (off / FULL).clamp(Vec3::NEG_ONE, Vec3::ONE)).powf(2.2)
     })
 }
@@ -201,7 +203,7 @@ fn light(subject: &Subject<'_>) -> Plane<Vec3> {
     light.map(|p| exposure.apply(*p))
 }
 
-/// A lat-long map as wide as a panel, bilinear.
+/// Resamples a lat-long map to the width of a panel with bilinear interpolation.
 fn shown_at(map: &Plane<Vec3>) -> Plane<Vec3> {
     Plane::from_fn(PANEL, PANEL / 2, |x, y| {
         let (u, v) = ((x as f64 + 0.5) / PANEL as f64, (2.0 * y as f64 + 1.0) / PANEL as f64);
@@ -209,7 +211,7 @@ fn shown_at(map: &Plane<Vec3>) -> Plane<Vec3> {
     })
 }
 
-/// Exposure at which a sphere is shown.
+/// Returns the exposure for the picture of a sphere.
 pub(crate) fn sphere_exposure(sphere: &Picture) -> Exposure {
     Exposure::by_mean(&sphere.rgb, |i| is_covered(sphere, i), 0.3)
 }
@@ -259,7 +261,7 @@ mod tests {
         assert_eq!(off.as_slice(), [grey, grey]);
         let off = residual(&picture(3.0, 1.0), &picture(1.0, 3.0));
         assert_eq!(off.as_slice(), [Vec3::ONE, Vec3::ZERO]);
-        // A photograph that is redder than its model is shown in red, and the lack of it in cyan.
+        // The difference is red where the photograph is redder than its model, cyan where less red.
         let red = Picture { rgb: Plane::from_fn(2, 1, |_, _| Vec3::new(1.5, 1.0, 1.0)), alpha: None };
         let [more, less] = [residual(&red, &picture(1.0, 1.0)), residual(&picture(1.0, 1.0), &red)];
         assert!(more[(0, 0)].x > grey.x + 0.1 && more[(0, 0)].y == grey.y, "{}", more[(0, 0)]);
@@ -267,7 +269,7 @@ mod tests {
     }
 
     #[test]
-    fn means_are_kept_by_resizing() {
+    fn resizing_preserves_the_mean() {
         let source = Plane::from_fn(6, 4, |x, y| Vec3::new(x as f32, y as f32, 1.0));
         let small = resize(&source, 3, 2);
         assert_eq!(small[(0, 0)], Vec3::new(0.5, 0.5, 1.0));

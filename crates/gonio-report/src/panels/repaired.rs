@@ -1,4 +1,4 @@
-//! The photograph for display, without its outliers.
+//! Removes outliers from the photograph for display.
 
 use std::borrow::Cow;
 

@@ -1,4 +1,4 @@
-//! A light in which materials are shown: spheres of them, and objects of any normals.
+//! Renders materials in a light, on spheres and on objects with any normals.
 
 use std::f32::consts::PI;
 
@@ -14,25 +14,26 @@ use super::PANEL;
 use super::gloss::{Gloss, degree, split};
 use super::half_light::{HalfLight, LEVELS, spline};
 
-/// Radius of a sphere in a panel, pixels.
+/// Radius of a sphere in a panel, in pixels.
 pub(super) const RADIUS: f64 = 0.5 * PANEL as f64 - 2.0;
 
-/// Sine of 80 degrees. Beyond it nothing was observed, and an estimated light that only the rim
-/// would see is unconstrained: the rim of a sphere has the normal there.
+/// Sine of 80 degrees, the largest angle of the normals of a sphere. The rim beyond it has the
+/// normal at this angle, because such normals are not observed and the part of an estimated light
+/// that only they reflect is unconstrained.
 const RIM: f64 = 0.985;
 
-/// Rows of the light that smooth lobes are lit by.
+/// Rows of the light for smooth lobes.
 const SMOOTH_ROWS: usize = 64;
 
-/// Points along a side of the square of normals at which smooth lobes are lit, and the angle
-/// between two of them in radians.
+/// Points along a side of the square grid of normals for smooth lobes, and the angle between two
+/// points in radians.
 const DOME: usize = 52;
 const DOME_STEP: f32 = 3.5 * PI / 180.0;
 
 /// Pixels between the points at which shadows are computed.
 pub(super) const APART: usize = 4;
 
-/// A light, ready to show materials in.
+/// A light, prepared for rendering materials.
 pub(crate) struct Stage {
     sharp: HalfLight,
     smooth: PrefilteredLight,
@@ -73,8 +74,8 @@ impl Stage {
         (0..count).map(picture).collect()
     }
 
-    /// Renders a panel of an object. `points` are those of all its pixels, `seen` those of every
-    /// [`APART`]th pixel with the visibility there.
+    /// Renders an object in a panel. `points` contains the surface points of all pixels, `seen`
+    /// those of every [`APART`]th pixel with their visibility.
     pub(super) fn object(
         &self,
         material: &[BivariateTable; 3],
@@ -98,19 +99,19 @@ impl Stage {
     }
 }
 
-/// Share of a pixel that a sphere covers.
+/// Returns the share of a pixel that a sphere covers.
 fn cover(row: usize, column: usize) -> f32 {
     let from_centre = |i: usize| i as f64 + 0.5 - 0.5 * PANEL as f64;
     (RADIUS - from_centre(row).hypot(from_centre(column)) + 0.5).clamp(0.0, 1.0) as f32
 }
 
-/// Some materials in a light.
+/// Materials in a light.
 struct Lit<'a> {
     stage: &'a Stage,
     glosses: Vec<Gloss>,
     rest: Lobe,
-    /// What smooth lobes reflect, over normals: the distance from the centre is the angle to the
-    /// camera. All materials of a point, then the next point.
+    /// Radiance of the smooth lobes on the grid of normals, in which the distance from the centre
+    /// is the angle to the camera. The values of all materials at a point are contiguous.
     dome: Vec<Vec3A>,
 }
 
@@ -137,10 +138,10 @@ impl<'a> Lit<'a> {
         Self { stage, glosses, rest: lobe, dome: dome.into_iter().flatten().map(Vec3A::from).collect() }
     }
 
-    /// The share of narrow lobes.
+    /// Computes the radiance of the narrow lobe of each material.
     fn narrow(&self, normal: Vec3, view: Vec3, out: &mut [Vec3A]) {
         let cos = normal.dot(view).max(0.0);
-        // The half vector that shows a camera on the axis the same light.
+        // The half vector that reflects the same light direction to a camera on the axis.
         let towards = 2.0 * cos * normal - view;
         let half = (towards + Vec3::Z).try_normalize().unwrap_or(Vec3::X);
         let degree = degree(cos);
@@ -148,7 +149,7 @@ impl<'a> Lit<'a> {
         out.iter_mut().for_each(|sum| *sum *= 4.0 * cos * cos);
     }
 
-    /// The share of all else, for a camera on the axis.
+    /// Computes the radiance of the smooth lobe of each material, for a camera on the axis.
     fn wide(&self, normal: Vec3, out: &mut [Vec3A]) {
         let across = normal.x.hypot(normal.y);
         let angle = across.atan2(normal.z).min(89_f32.to_radians());
@@ -167,8 +168,8 @@ impl<'a> Lit<'a> {
         }
     }
 
-    /// Finds the factors by which shadows and a camera that is near change the picture, at every
-    /// few pixels.
+    /// Computes the factors by which self-shadowing and perspective change the picture, at the
+    /// given points.
     fn shadows(&self, (points, visibility): (&[Option<SurfacePoint>], Option<&Visibility>)) -> Shadows {
         let factors = |(i, point): (usize, &Option<SurfacePoint>)| {
             let point = point.as_ref()?;
@@ -184,13 +185,13 @@ impl<'a> Lit<'a> {
     }
 }
 
-/// Factors of narrow lobes and of all else, at every [`APART`]th pixel.
+/// Factors of narrow and of smooth lobes at every [`APART`]th pixel.
 struct Shadows {
     factors: Vec<Option<(f32, f32)>>,
 }
 
 impl Shadows {
-    /// Interpolates over the points that exist.
+    /// Interpolates the factors over the pixels with a surface point.
     fn at(&self, x: usize, y: usize) -> (f32, f32) {
         let side = PANEL / APART;
         let place = |x: usize| {
@@ -201,7 +202,8 @@ impl Shadows {
         for (j, v) in place(y) {
             for (i, u) in place(x) {
                 if let Some((a, b)) = self.factors[j * side + i] {
-                    // Never nothing at all, where the nearest points do not exist.
+                    // The weight is positive, so that the result is defined if the nearest points
+                    // do not exist.
                     let weight = u * v + 1e-4;
                     (narrow, wide, total) = (narrow + weight * a, wide + weight * b, total + weight);
                 }
@@ -222,7 +224,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn spheres_are_what_the_integral_gives() {
+    fn spheres_match_the_integral() {
         let settings = IntegratorSettings { tolerance: 0.05, ..IntegratorSettings::default() };
         for (light, width) in [(dark_studio(128), 0.4), (dark_studio(128), 0.1), (sky_light(128), 0.15)] {
             let table = BivariateTable::from_fn(|h, d| 0.05 + 0.1 * d + 1.0 / (1.0 + (h / width).powi(2)).powi(3));
@@ -235,14 +237,14 @@ mod tests {
                     let place = |i: usize| (i as f64 + 0.5 - 0.5 * PANEL as f64) / RADIUS;
                     let (x, y) = (place(at.0), -place(at.1));
                     let normal = DVec3::new(x, y, (1.0 - x * x - y * y).max(0.0).sqrt());
-                    // Near the rim a lobe loses what lies behind the horizon.
+                    // Near the rim, the horizon cuts off a part of the lobe.
                     let point = (normal.z > 0.5).then_some(SurfacePoint { normal, view: DVec3::Z })?;
                     let want = radiance(&point, &tables, &table, &tree, &settings).as_vec3();
                     Some((got.rgb[at] - want).length() / want.length())
                 })
                 .collect();
             off.sort_by(f32::total_cmp);
-            // The edge of the sun's highlight is blurred by the few rows that light smooth lobes.
+            // The few rows of the light for smooth lobes blur the edge of the sun's highlight.
             let (middle, most) = (off[off.len() / 2], off[off.len() * 9 / 10]);
             assert!(middle < 0.01 && most < 0.1, "{width}: {middle} {most}");
         }

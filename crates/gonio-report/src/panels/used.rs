@@ -8,10 +8,10 @@ use super::view::View;
 use super::{PANEL, Subject};
 use crate::canvas::{self, PAPER};
 
-/// Factor by which the photograph is darkened where it lies outside.
+/// Factor by which the photograph is darkened outside of the used pixels.
 const SHADE: f32 = 0.2;
 
-/// Reason for leaving pixels out.
+/// Reason for ignoring pixels.
 #[derive(Clone, Copy)]
 pub struct Mark {
     /// Name in a few words.
@@ -22,14 +22,14 @@ pub struct Mark {
 }
 
 impl Mark {
-    /// Whether it stands for this fate.
+    /// Whether the reason covers this fate.
     pub fn marks(&self, fate: Fate) -> bool {
         self.fates.contains(&fate)
     }
 }
 
-/// All reasons except lying outside; of photograph pixels that share one pixel of the picture the
-/// first reason is shown.
+/// All reasons except being outside the object. If several pixels of the photograph share a pixel
+/// of the picture, the picture shows the first reason that occurs.
 pub const MARKS: [Mark; 7] = [
     Mark {
         label: "negative, NaN or infinite",
@@ -44,8 +44,8 @@ pub const MARKS: [Mark; 7] = [
     Mark { label: "no valid normal", colour: Vec3::new(0.3, 0.3, 0.3), fates: &[Fate::NoNormal] },
 ];
 
-/// Draws the photograph, dark where it lies outside the observed part,
-/// with the other pixels that were left out marked; `None` if none were.
+/// Draws the photograph with marks on ignored pixels, dark outside of the used pixels. Returns
+/// `None` if the observations have no fates.
 pub(super) fn draw(subject: &Subject<'_>, view: &View<'_>, photograph: &Plane<Vec3>) -> Option<Plane<Vec3>> {
     let fates = subject.sighting.observations.fates.as_ref()?;
     let side = PANEL;
@@ -72,7 +72,7 @@ pub fn with_legend(picture: &Plane<Vec3>, fates: &Plane<Fate>) -> Plane<Vec3> {
     canvas::with_legend(picture, 0, &lines)
 }
 
-/// Lines of a legend, with colours: the reasons that occur, each with its number of pixels.
+/// Returns the colours and lines of the legend: the reasons that occur, with numbers of pixels.
 pub(crate) fn legend(fates: &Plane<Fate>) -> Vec<(Vec3, String)> {
     let line = |(mark, count): (Mark, usize)| (mark.colour, format!("{}: {count} pixels", mark.label));
     reasons(fates).into_iter().map(line).collect()

@@ -15,7 +15,7 @@ use super::{PANEL, Subject};
 /// Texels along a side of the grid on which self-shadowing is computed for the pictures.
 const SHADOWS: usize = 16;
 
-/// Part of the photograph that a panel shows, with what is needed to draw the model in the same
+/// Part of the photograph that a panel shows, with the data for rendering the model in the same
 /// frame.
 pub(crate) enum View<'a> {
     Sphere(Circle, Option<&'a Plane<f32>>),
@@ -63,7 +63,7 @@ impl<'a> View<'a> {
         }
     }
 
-    /// Maps a place of the photograph to a panel of `side` pixels.
+    /// Maps a position in the photograph to a panel of `side` pixels.
     pub(crate) fn shown(&self, (x, y): (f64, f64), side: usize) -> (f64, f64) {
         let [left, top, whole] = self.frame();
         ((x - left) / whole * side as f64, (y - top) / whole * side as f64)
@@ -76,11 +76,11 @@ impl<'a> View<'a> {
     }
 
     /// Cuts the photograph to the frame, `side` pixels wide; black outside the photograph, with the
-    /// coverage by the object as alpha. Of a fine photograph each pixel is the mean over those it
-    /// covers, of a coarse one it lies between them.
+    /// coverage by the object as alpha. Photographs of higher resolution are averaged over each
+    /// pixel, those of lower resolution are interpolated.
     pub(crate) fn cut(&self, picture: &Picture, side: usize) -> Picture {
         let size = picture.rgb.size();
-        // Around a ball on a real background only the ball is of interest.
+        // The background around the object is not shown.
         let share = |at: (usize, usize)| self.coverage().map_or(1.0, |c| c[at].clamp(0.0, 1.0));
         let fine = self.frame()[2] > side as f64;
         let pixels = |x: usize, y: usize| -> Vec<((usize, usize), f32)> {
@@ -131,8 +131,8 @@ impl<'a> View<'a> {
         inside.then_some((u as usize, v as usize))
     }
 
-    /// The four pixels of the photograph around the middle of a pixel of a panel, with bilinear
-    /// weights; fewer at its edges.
+    /// Returns the four pixels of the photograph around the centre of a pixel of a panel, with
+    /// bilinear weights; fewer at the edges of the photograph.
     fn about(&self, x: usize, y: usize, side: usize, (width, height): (usize, usize)) -> Vec<((usize, usize), f32)> {
         let [left, top, whole] = self.frame();
         let place = |low: f64, i: usize, most: usize| {
@@ -148,8 +148,8 @@ impl<'a> View<'a> {
         four.filter(|(_, weight)| *weight > 0.0).collect()
     }
 
-    /// Iterates over all pixels of the photograph, of this size, that fall on a pixel of a panel of
-    /// `side` pixels; at least one if there are any near.
+    /// Iterates over the pixels of the photograph, of this size, that a pixel of a panel of `side`
+    /// pixels covers; at least one inside the photograph.
     pub(crate) fn behind(
         &self,
         x: usize,
@@ -161,7 +161,7 @@ impl<'a> View<'a> {
         let span = |low: f64, i: usize, most: usize| {
             let at = |i: usize| (low + i as f64 / side as f64 * whole).floor();
             let (first, end) = (at(i), at(i + 1).max(at(i) + 1.0));
-            // Casts saturate, so nothing lies before the first pixel.
+            // Limit the range to the photograph.
             (first.max(0.0) as usize)..(end.max(0.0) as usize).min(most)
         };
         let columns = span(left, x, width);
@@ -204,5 +204,5 @@ impl<'a> View<'a> {
     }
 }
 
-/// Cosine between normal and view: normals below its negative do not belong to a visible surface.
+/// Cosine between normal and view direction. Normals below its negative are not visible.
 const AWAY: f64 = 0.1;

@@ -9,8 +9,7 @@ const HEIGHT: f64 = 190.0;
 const RADIUS: f64 = 140.0;
 /// Height of the surface in the drawing.
 const FOOT: f64 = 168.0;
-/// Degrees between the points of a curve, and the largest angle, beyond which the table says
-/// little.
+/// Degrees between the points of a curve, and the largest angle; the table is unreliable beyond it.
 const STEP: f64 = 0.25;
 const LAST_DEGREE: f64 = 80.0;
 
@@ -41,7 +40,7 @@ pub(super) fn lobe(
     let ring = |value: f64| RADIUS * (value / top).cbrt();
     let rings: Vec<f64> =
         (-4..7).map(|e| 10_f64.powi(e)).filter(|v| ring(*v) > 14.0 && ring(*v) <= RADIUS * 1.001).collect();
-    // From the outermost inwards, labels that have room.
+    // Place the labels from the outermost ring inwards; omit labels without space.
     let mut labels: Vec<(f64, f64)> = Vec::new();
     let mut free = f64::INFINITY;
     for &value in rings.iter().rev() {

@@ -26,7 +26,7 @@ const SCRIPT: &str = concat!(
     include_str!("report.js")
 );
 
-/// Width at which most pictures are shown, half of their pixels: for screens that are finer.
+/// Width at which most pictures are shown: half of their pixels, for high-resolution screens.
 const SHOWN: usize = PANEL / 2;
 
 /// Content of the page.
@@ -37,12 +37,11 @@ pub struct Report<'a> {
     pub subject: &'a Subject<'a>,
     /// Pictures of the subject.
     pub panels: &'a Panels,
-    /// Nearest materials in renderers' own parameters.
+    /// Best fits of renderer models to the BRDF.
     pub fits: &'a Fits,
     /// Warnings to the user, one line each.
     pub warnings: &'a [String],
-    /// Content of `result.json`, of which the page takes numbers: `method`, `noise`, `colour`,
-    /// `seconds`, `settings`, `model`, `gonio`, as far as they are there.
+    /// Content of `result.json`. The page omits numbers that are missing.
     pub result: &'a Value,
 }
 
@@ -70,7 +69,7 @@ impl Report<'_> {
         Document { title: &title, lead, sections, style: STYLE, script: SCRIPT }.render()
     }
 
-    /// Says in one sentence what was found and how sure that is.
+    /// States the estimate and its uncertainty in one sentence.
     fn answer(&self) -> Markup {
         let kind = self.subject.material.and_then(|m| Some((m, m.neighbours.first()?)));
         html! {
@@ -86,7 +85,7 @@ impl Report<'_> {
         }
     }
 
-    /// Says what the page is about: one photograph, in an unknown or a known light.
+    /// States whether the light was known, and the scale of the BRDF.
     fn about(&self) -> Markup {
         if self.subject.known_light.is_none() {
             let albedo = self.result["reference"]["scale"]["normal_albedo"].as_f64();
@@ -153,7 +152,7 @@ impl Report<'_> {
         }
     }
 
-    /// Shows misfit and scatter, as far as they are known.
+    /// Shows misfit and scatter, if known.
     fn verdict(&self) -> Markup {
         let misfit = self.result["noise"]["misfit"].as_f64().or(self.result["noise"]["relative"].as_f64());
         let scatter = self.subject.material.map(|material| material.scatter).filter(|scatter| *scatter > 0.0);
@@ -191,7 +190,8 @@ impl Report<'_> {
         }
     }
 
-    /// Share of the mean square of the light's variation that is uncertainty, if the method tells.
+    /// Returns the share of the variance in the mean square of the light's variation; `None` if the
+    /// method does not estimate it.
     fn uncertain(&self) -> Option<f64> {
         let squares = |name: &str| -> Option<f64> {
             // The first coefficient is the mean.
@@ -202,7 +202,7 @@ impl Report<'_> {
         (variance > 0.0).then(|| variance / (mean + variance))
     }
 
-    /// Shows what was left out and why, if any pixels but those outside were.
+    /// Shows the ignored pixels with the reasons; `None` if only pixels outside were ignored.
     fn used(&self) -> Option<Markup> {
         let (picture, fates) = (self.panels.used.as_ref()?, self.subject.sighting.observations.fates.as_ref()?);
         let reasons = used::reasons(fates);
@@ -280,8 +280,7 @@ impl Report<'_> {
     }
 }
 
-/// Shows the two numbers that should be read first, the misfit with its expected value if that is
-/// known.
+/// Shows misfit and scatter, and the expected misfit, if known.
 fn verdict(misfit: Option<f64>, expected: Option<f64>, scatter: Option<f64>) -> Markup {
     let beside = expected.map(|e| format!("; about {} is expected from noise and the light's resolution", percent(e)));
     let words = format!("relative root mean square residual of the photograph{}", beside.unwrap_or_default());
@@ -354,7 +353,7 @@ fn facts(material: &Material, result: &Value) -> Markup {
     }
 }
 
-/// Shows the colours of body and highlight, to copy, each with a strip of what it may be.
+/// Shows the colours of body and highlight with copy buttons, each with a strip of its posterior.
 fn colours(result: &Value) -> Markup {
     html! {
         @for (name, part) in [("body colour", "body"), ("highlight colour", "highlight")] {
@@ -386,11 +385,11 @@ fn colours(result: &Value) -> Markup {
     }
 }
 
-/// Scale of the gloss, the peak over the base.
+/// Description of the scale of the gloss.
 const SCALE: &str = " (ratio of peak to base: about 1 for chalk, tens for satin paint, thousands for polished \
     metal, above 100,000 for a mirror)";
 
-/// Shows gloss units, as far as they are known, with the albedo that they go with.
+/// Shows gloss units with the albedo for which they hold, if known.
 fn units(units: &Value, absolute: bool) -> Markup {
     let albedo = units["albedo"].as_f64();
     html! {
@@ -414,7 +413,7 @@ fn units(units: &Value, absolute: bool) -> Markup {
     }
 }
 
-/// Counts the pixels by their fate, and the points between them.
+/// Builds the table of pixels by status, and of points in self-shadow.
 fn counts(report: &ObservationReport) -> Markup {
     let rows: Vec<Vec<String>> = [
         ("pixels on the object", report.observed_pixels),
@@ -435,18 +434,18 @@ fn counts(report: &ObservationReport) -> Markup {
     table::table("Used pixels", &["what", "number"], &rows)
 }
 
-/// The 5, 50 and 95 % quantiles of a number of `result.json`.
+/// Reads the 5, 50 and 95 % quantiles of a number in `result.json`.
 pub(crate) fn three(quantiles: &Value) -> Option<[f64; 3]> {
     let at = |share: &str| quantiles[share].as_f64();
     Some([at("5")?, at("50")?, at("95")?])
 }
 
-/// A linear colour of `result.json`.
+/// Reads a linear colour in `result.json`.
 pub(crate) fn linear(rgb: &Value) -> Option<Vec<f64>> {
     rgb.as_array()?.iter().map(Value::as_f64).collect()
 }
 
-/// The hexadecimal code of [`codes`].
+/// Formats the sRGB codes from [`codes`] in hexadecimal.
 pub(crate) fn hex(rgb: &[f64]) -> String {
     let [r, g, b] = codes(rgb);
     format!("#{r:02x}{g:02x}{b:02x}")
@@ -471,7 +470,7 @@ pub(crate) fn short(value: f64) -> String {
     }
 }
 
-/// The sRGB codes of a linear colour whose largest channel is brought to 70 %.
+/// Returns the sRGB codes of a linear colour, scaled to 70 % in its largest channel.
 fn codes(rgb: &[f64]) -> [u8; 3] {
     let top = rgb.iter().copied().fold(1e-9, f64::max);
     [0, 1, 2].map(|c| {
@@ -491,7 +490,7 @@ mod tests {
     }
 
     #[test]
-    fn colours_are_those_of_a_style() {
+    fn colours_are_valid_in_a_style() {
         assert_eq!(codes(&[1.0, 0.0, 0.0]), [218, 0, 0]);
         let page = colours(&serde_json::json!({ "colour": { "body": { "rgb": [1.0, 0.0, 0.0] } } })).into_string();
         assert!(
@@ -501,7 +500,7 @@ mod tests {
     }
 
     #[test]
-    fn the_verdict_has_the_numbers_that_there_are() {
+    fn verdict_shows_only_known_numbers() {
         let both = verdict(Some(0.123), Some(0.05), Some(0.034)).into_string();
         assert!(both.contains("12 %") && both.contains("3.4 %"), "{both}");
         assert!(!verdict(Some(0.123), None, None).into_string().contains("scatter"));
@@ -509,7 +508,7 @@ mod tests {
     }
 
     #[test]
-    fn warnings_are_escaped_and_left_out_where_there_are_none() {
+    fn escapes_warnings_and_omits_empty_lists() {
         assert_eq!(warnings(&[]).into_string(), "");
         assert!(warnings(&["a < b".into()]).into_string().contains("a &lt; b"));
     }

@@ -4,13 +4,13 @@
 use base64::Engine;
 use serde_json::{Value, json};
 
-/// Packs non-negative values as `low`, `high` (binary logarithms of the least and the greatest
-/// positive one) and `codes`: base64 of little-endian 16-bit codes, of which 0 is zero, and 1 to
+/// Packs non-negative values as `low`, `high` (binary logarithms of the smallest and the largest
+/// positive value) and `codes`: base64 of little-endian 16-bit codes. Code 0 is zero; codes 1 to
 /// 65535 are evenly spaced from `low` to `high`.
 pub(super) fn packed(values: impl Iterator<Item = f32> + Clone) -> Value {
     let logs = values.clone().filter(|v| *v > 0.0 && v.is_finite()).map(|v| f64::from(v).log2());
     let (low, high) = logs.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), l| (low.min(l), high.max(l)));
-    // Without any positive value every code is zero.
+    // Without positive values, all codes are zero.
     let (low, high) = if low <= high { (low, high.max(low + 1e-6)) } else { (0.0, 1.0) };
     let code = |v: f32| {
         let positive = v > 0.0 && v.is_finite();
@@ -25,7 +25,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn values_come_back_within_a_code() {
+    fn packing_is_accurate_to_one_code() {
         let values = [0.0, 1e-4, 0.3, 7.0, 12_345.0, f32::NAN, -1.0];
         let packed = packed(values.into_iter());
         let (low, high) = (packed["low"].as_f64().unwrap(), packed["high"].as_f64().unwrap());
@@ -42,7 +42,7 @@ mod tests {
     }
 
     #[test]
-    fn black_is_black() {
+    fn zeros_have_code_zero() {
         let packed = packed([0.0_f32, 0.0].into_iter());
         assert_eq!((packed["low"].as_f64(), packed["codes"].as_str()), (Some(0.0), Some("AAAAAA==")));
     }

@@ -10,9 +10,9 @@ use crate::page::figure;
 use crate::panels::{PANEL, Panels, Subject};
 use crate::uncertainty::{mean, svg};
 
-/// Angles of incidence of the lobes, degrees.
+/// Angles of incidence of the lobes, in degrees.
 const INCIDENCES: [f64; 3] = [15.0, 45.0, 70.0];
-/// Difference angles of the cuts, degrees.
+/// Difference angles of the cuts, in degrees.
 const CUTS: [usize; 2] = [5, 60];
 
 pub(super) fn section(subject: &Subject<'_>, panels: &Panels) -> Markup {
@@ -69,7 +69,7 @@ fn cut_at(table: &BivariateTable, band: Option<(&BivariateTable, &BivariateTable
     chart(&axes, &series)
 }
 
-/// The BRDF (1/sr) over the half angle (degrees) at a difference angle of whole degrees.
+/// Returns the BRDF (1/sr) over the half angle (degrees) at a difference angle of whole degrees.
 pub(crate) fn cut(table: &BivariateTable, degrees: usize) -> Vec<(f64, f64)> {
     (0..THETA_H)
         .filter(|&i| is_trusted(i * THETA_D + degrees))

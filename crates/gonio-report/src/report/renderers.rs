@@ -8,7 +8,7 @@ use serde_json::json;
 
 use super::percent;
 
-/// The models of common renderers nearest to a BRDF.
+/// Best fits of the models of common renderers to a BRDF.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Fits {
     /// Mitsuba.
@@ -20,7 +20,7 @@ pub struct Fits {
 }
 
 impl Fits {
-    /// Fits the models to linear RGB tables in 1/sr: takes about two seconds of one core.
+    /// Fits the models to linear RGB tables in 1/sr. This takes about two seconds on one core.
     pub fn of(tables: &[BivariateTable; 3]) -> Self {
         let fitter = Fitter::new(tables);
         Self { principled: fitter.fit(), layered: fitter.fit(), metallic_roughness: fitter.fit() }

@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 use super::packed::packed;
 use crate::panels::{Subject, own_lights};
 
-/// Rows of the lights: finer ones would hardly be seen on a sphere, and make the page larger.
+/// Rows of the lights. More rows would hardly change the sphere, but enlarge the page.
 const ROWS: usize = 64;
 
 /// Returns the data of the viewer as JSON that can be embedded in HTML.
@@ -30,13 +30,13 @@ pub(super) fn data(subject: &Subject<'_>) -> String {
     json!({ "materials": materials, "lights": lights }).to_string().replace('<', "\\u003c")
 }
 
-/// Encodes a material, its tables linear RGB.
+/// Encodes a material from linear RGB tables.
 pub fn material(name: &str, tables: &[BivariateTable; 3]) -> Value {
     let values = (0..CELLS).flat_map(|c| [0, 1, 2].map(|channel| tables[channel].as_slice()[c]));
     named(name, packed(values))
 }
 
-/// Encodes a light, a lat-long map in linear RGB.
+/// Encodes a light from a lat-long map in linear RGB.
 pub fn light(name: &str, map: &Plane<Vec3>) -> Value {
     let mut light = named(name, packed(map.as_slice().iter().flat_map(|p| p.to_array())));
     light["width"] = json!(map.width());
@@ -54,7 +54,7 @@ pub fn lit(grid: &LightGrid) -> Plane<Vec3> {
     grid.to_lat_long(ROWS).map(|p| p.max(Vec3::ZERO))
 }
 
-/// Shrinks a map to the number of rows of the others.
+/// Reduces a large map to the number of rows of the other lights.
 fn shrunk(map: &Plane<Vec3>) -> Plane<Vec3> {
     if map.height() <= 2 * ROWS { map.clone() } else { crate::panels::resize(map, 2 * ROWS, ROWS) }
 }

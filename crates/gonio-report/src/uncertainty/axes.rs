@@ -1,4 +1,4 @@
-//! The maps for a page: bare pictures, with axes in the colours and the typeface of the page.
+//! Maps for a page, as SVG with axes in the colours and the typeface of the page.
 
 use maud::{Markup, html};
 
@@ -11,12 +11,12 @@ const LEFT: f64 = 46.0;
 const RIGHT: f64 = 76.0;
 const TOP: f64 = 26.0;
 const BOTTOM: f64 = 48.0;
-/// Colours of text on light and on dark paper, where the drawing is a file of its own.
+/// Style of a separate file, with colours of text for light and dark backgrounds.
 const STYLE: &str =
     "svg{color:#1d2126;font:13px system-ui,sans-serif}@media(prefers-color-scheme:dark){svg{color:#e6e6e3}}";
 
-/// Draws maps side by side as SVG, in the colour of the text around it. `alone` is for a file that
-/// no page lends its colours. `alt` describes it in words.
+/// Draws maps side by side as SVG in the text colour of the page. If `alone`, the SVG contains its
+/// own style, for a separate file. `alt` describes it in words.
 pub fn svg(maps: &[&Map], alone: bool, alt: &str) -> Markup {
     let (wide, high) = (LEFT + SIDE + RIGHT, TOP + SIDE + BOTTOM);
     html! {

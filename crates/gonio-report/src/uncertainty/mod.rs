@@ -1,5 +1,5 @@
-//! Picture of the uncertainty of a BRDF: its mean, and the width of the interval around it, as maps
-//! over half and difference angle.
+//! Picture of the uncertainty of a BRDF: its mean and the width of its interval, as maps over half
+//! and difference angle.
 
 mod axes;
 mod sheet;
@@ -14,7 +14,7 @@ pub use sheet::draw;
 
 /// Pixels along a side of a cell of the table.
 const CELL: usize = 6;
-/// Side of a map.
+/// Side of a map, in pixels.
 const MAP: usize = CELL * THETA_H;
 /// Ticks of the half angle, which is stretched at the highlight, and of the difference angle.
 const HALF_TICKS: [f64; 8] = [0.0, 1.0, 5.0, 10.0, 20.0, 40.0, 60.0, 80.0];
@@ -38,18 +38,18 @@ const STOPS: [[u8; 3]; 9] = [
     [253, 231, 37],
 ];
 
-/// A map over half and difference angle: one value for each cell of a table, by colours.
+/// A map over half and difference angle, which shows the value of each cell of a table by colour.
 pub struct Map {
-    /// A word for it.
+    /// Identifier for the page.
     id: &'static str,
     title: &'static str,
-    /// Meaning of the hatching, besides angles that tables do not cover.
+    /// Meaning of the hatching.
     note: &'static str,
     scale: Scale,
     pixels: Plane<Vec3>,
 }
 
-/// The BRDF (1/sr), hatched beyond the trusted angles.
+/// Draws the BRDF (1/sr), hatched beyond the trusted angles.
 pub fn mean(table: &BivariateTable) -> Map {
     let value = |c: usize| f64::from(table.as_slice()[c].max(1e-9));
     let (low, high) =
@@ -59,7 +59,7 @@ pub fn mean(table: &BivariateTable) -> Map {
     Map { id: "mean", title: "BRDF (1/sr)", note: "hatched: above 80 degrees", scale, pixels }
 }
 
-/// The factor between the 5 and the 95 % quantile, hatched where the photograph hardly narrows it.
+/// Draws the ratio of the 95 % and the 5 % quantile, hatched where the BRDF is undetermined.
 pub fn width(material: &Material) -> Map {
     let (lower, upper) = (&material.quantiles[0], &material.quantiles[material.quantiles.len() - 1]);
     let factor = |c: usize| f64::from(upper[c].max(1e-9)) / f64::from(lower[c].max(1e-9));
@@ -86,12 +86,13 @@ fn painted(scale: &Scale, value: &dyn Fn(usize) -> f64, hatched: &dyn Fn(usize) 
     })
 }
 
-/// Place of a half angle across a map, 0..=1: sample i is at (i/90)^2 90 degrees.
+/// Returns the horizontal position of a half angle in a map, 0..=1; row i of a table is at (i/90)^2
+/// 90 degrees.
 fn across(degrees: f64) -> f64 {
     (degrees / 90.0).sqrt() + 0.5 / THETA_H as f64
 }
 
-/// Place of a difference angle down a map, 0..=1.
+/// Returns the vertical position of a difference angle in a map, 0..=1 from the top.
 fn down(degrees: f64) -> f64 {
     1.0 - (degrees + 0.5) / THETA_D as f64
 }
@@ -108,7 +109,7 @@ impl Scale {
         ((value / self.low).ln() / (self.high / self.low).ln()).clamp(0.0, 1.0)
     }
 
-    /// Returns round values to label, fewer on a long scale.
+    /// Returns round values for labels, fewer on a long scale.
     fn ticks(&self) -> Vec<f64> {
         let decades = (self.high / self.low).log10();
         let steps: &[f64] = if decades < 2.5 { &[1.0, 2.0, 5.0] } else { &[1.0] };

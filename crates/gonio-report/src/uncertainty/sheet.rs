@@ -1,4 +1,4 @@
-//! The maps on a sheet of their own, `uncertainty.png`.
+//! Picture of the maps, `uncertainty.png`.
 
 use glam::Vec3;
 use gonio::estimate::Material;
@@ -15,8 +15,8 @@ const BAR: (usize, usize, usize) = (18, 18, 72);
 const TOP: usize = 72;
 const BOTTOM: usize = 96;
 
-/// Draws the mean over half and difference angle beside the factor between the 5 and the 95 %
-/// quantile, hatched where the photograph hardly narrows it: linear display values in 0..=1.
+/// Draws the mean and the width of the 90 % interval side by side, hatched where the BRDF is
+/// undetermined. Returns linear display values in 0..=1.
 pub fn draw(material: &Material) -> Plane<Vec3> {
     let (left, right) = (drawn(&mean(&material.table)), drawn(&width(material)));
     let mut out = sheet(left.width() + right.width(), left.height());

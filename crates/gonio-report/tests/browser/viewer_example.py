@@ -1,4 +1,4 @@
-"""Writes a page for viewer.mjs: the viewer with materials and lights made up from formulas.
+"""Writes a page for viewer.mjs: the viewer with analytic materials and lights.
 
     python3 viewer_example.py OUTPUT.html
 """
@@ -17,7 +17,7 @@ THETA_D = np.radians(np.arange(SIDE))
 
 
 def packed(values):
-    """Sixteen-bit logarithms of non-negative values; zero is code zero."""
+    """Encodes non-negative values as 16-bit logarithms; code 0 is zero."""
     values = np.asarray(values, float)
     some = values > 0
     low, high = (float(f(np.log2(values[some]))) for f in (np.min, np.max))
@@ -28,14 +28,14 @@ def packed(values):
 
 
 def material(name, f):
-    """A table from `f(theta_h, theta_d)` with the channels in front."""
+    """Encodes a material; `f(theta_h, theta_d)` returns the channels along its first axis."""
     h, d = np.meshgrid(THETA_H, THETA_D, indexing="ij")
     table = np.stack([np.broadcast_to(channel, h.shape) for channel in f(h, d)], axis=-1)
     return {"name": name, **packed(table)}
 
 
 def microfacets(h, d, alpha, reflectance):
-    """A GGX lobe over four times the squared cosine of the difference angle, with Schlick's rise towards grazing."""
+    """Returns a GGX lobe with Schlick's Fresnel term, divided by four times the squared cosine of the difference angle."""
     normal = alpha**2 / (np.pi * (np.cos(h) ** 2 * (alpha**2 - 1) + 1) ** 2)
     shadow = np.maximum(np.cos(d), 0.06) ** 2
     return [(r + (1 - r) * (1 - np.cos(d)) ** 5) * normal / (4 * shadow) for r in reflectance]
@@ -68,7 +68,7 @@ def smooth(x):
 
 
 def studio(width=128, height=64):
-    """Soft boxes and a small lamp over a graded room."""
+    """Returns softboxes and a small lamp in a room with a gradient."""
     d = directions(width, height)
     up = 0.5 * (d[..., 1:2] + 1)
     total = np.array([0.20, 0.17, 0.15]) * (1 - up**2) + np.array([0.50, 0.55, 0.62]) * up**2
@@ -90,7 +90,7 @@ def studio(width=128, height=64):
 
 
 def sun(width=128, height=64):
-    """A sky with a sun of a texel or two, ten thousand times as bright, over dark ground."""
+    """Returns a sky over dark ground, with a sun of one or two texels that is 10,000 times as bright."""
     d = directions(width, height)
     y = d[..., 1:2]
     sky = np.array([0.35, 0.55, 1.0]) * np.clip(y, 0, 1) + np.array([0.9, 0.9, 0.9]) * (1 - np.clip(y, 0, 1)) ** 4
@@ -100,14 +100,14 @@ def sun(width=128, height=64):
 
 
 def overhead(width=128, height=64):
-    """Stripes that meet in both poles: what a seam would show in."""
+    """Returns stripes that meet at both poles, which make seams visible."""
     d = directions(width, height)
     stripes = 0.5 + 0.5 * np.cos(6 * np.arctan2(d[..., 0], d[..., 2]))
     return np.stack([0.1 + stripes, 0.1 + 0.5 * stripes + 0.3 * np.abs(d[..., 1]), 0.6 + 0 * stripes], axis=-1)
 
 
 def patch(width=64, height=32):
-    """One, with three by three texels of two hundred."""
+    """Returns radiance 1, with 3 x 3 texels of radiance 200."""
     out = np.ones((height, width, 3))
     out[8:11, 8:11] = 200.0
     return out

@@ -8,8 +8,7 @@ use super::{Frame, Mark, Series};
 
 /// Width and height in units of the picture, which the page scales.
 const SIZE: (u32, u32) = (480, 330);
-/// Colours that most viewers can tell apart (Okabe and Ito), darkened where they would be faint on
-/// white.
+/// Colours that most viewers can distinguish (Okabe and Ito), some darkened for contrast on white.
 pub(super) const COLOURS: [RGBColor; 8] = [
     RGBColor(0, 114, 178),
     RGBColor(213, 94, 0),

@@ -1,8 +1,8 @@
 //! Charts as SVG: curves, histograms, scatter, empirical distributions.
 //!
-//! A [`Frame`] describes the axes, a [`Series`] the data. The charts have a light background of
-//! their own, so that they stay legible on a dark page. Values that an axis cannot show (not
-//! finite; not positive on a logarithmic one) are left out.
+//! A [`Frame`] describes the axes, a [`Series`] the data. Charts have a light background, also on a
+//! dark page. Values that an axis cannot show (not finite; not positive on a logarithmic axis) are
+//! omitted.
 
 mod draw;
 pub(crate) mod scale;
@@ -65,10 +65,10 @@ impl Series {
     }
 }
 
-/// Styles of many lines that are to be told apart, in turn.
+/// Styles of lines, used in turn when the colours repeat.
 pub(crate) const LINES: [Mark; 3] = [Mark::Line, Mark::Dashed, Mark::Dotted];
 
-/// Colours after which they begin again.
+/// Number of colours; after these, the colours repeat.
 pub(crate) const COLOURS: usize = draw::COLOURS.len();
 
 /// The axes of a chart.
@@ -84,7 +84,7 @@ pub struct Frame<'a> {
     pub y_range: Option<(f64, f64)>,
 }
 
-/// Draws a chart of any series, in the order given; later ones lie over earlier ones.
+/// Draws a chart of series; later series are drawn over earlier ones.
 pub fn chart(frame: &Frame<'_>, series: &[Series]) -> Markup {
     // Points below a given range are cut off, not drawn along the edge.
     let foot = frame.y_range.map_or(f64::NEG_INFINITY, |(low, _)| low);
@@ -96,7 +96,7 @@ pub fn chart(frame: &Frame<'_>, series: &[Series]) -> Markup {
     let all = || shown.iter().flat_map(|s| &s.points);
     let x = Scale::around(frame.x.1, all().map(|p| p.0), None);
     let y = Scale::around(frame.y.1, all().map(|p| p.1), frame.y_range);
-    // Bars stand on the bottom of the chart; without a given range that is zero on a linear axis.
+    // Bars start at the bottom of the chart: at zero on a linear axis without a given range.
     let bars = shown.iter().any(|s| s.mark == Mark::Bars);
     let y = if bars && frame.y.1 == Axis::Linear && frame.y_range.is_none() { y.starting_at_zero() } else { y };
     let svg = draw::svg(frame, &x, &y, &shown);
@@ -125,8 +125,8 @@ pub fn lines(title: &str, x: (&str, Axis), y: (&str, Axis), series: &[Series]) -
 pub fn histogram(title: &str, x_label: &str, histogram: &Histogram, curves: &[Series], y: Axis) -> Markup {
     let bars = Series { name: "samples".into(), points: histogram.corners(), mark: Mark::Bars };
     let series: Vec<Series> = std::iter::once(bars).chain(curves.iter().cloned()).collect();
-    // A curve may fall far below the density that the samples can show: the axis ends at half of
-    // one sample in a bin.
+    // Curves can fall far below the density of one sample in a bin, so the axis starts at half of
+    // this density.
     let top = series.iter().flat_map(|s| &s.points).map(|p| p.1).filter(|y| y.is_finite()).fold(0.0, f64::max);
     let range = match y {
         Axis::Log if top > 0.0 => Some((0.5 * histogram.one_sample().min(0.1 * top), 2.0 * top)),
@@ -171,7 +171,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn odd_values_are_left_out_and_nothing_panics() {
+    fn omits_invalid_values() {
         let odd = vec![(f64::NAN, 1.0), (1.0, f64::INFINITY), (-1.0, 0.0), (2.0, 3.0)];
         for axis in [Axis::Linear, Axis::Log] {
             for points in [odd.clone(), vec![], vec![(1.0, 1.0)], vec![(1e-300, 1e300), (1.0, 2.0)]] {

@@ -1,4 +1,4 @@
-//! Axes: their range, the positions of their marks, and the labels of these.
+//! Axes: ranges, positions of marks, and labels.
 
 use std::ops::Range;
 
@@ -6,7 +6,7 @@ use plotters::coord::ranged1d::{KeyPointHint, NoDefaultFormatting, Ranged, Value
 
 use super::Axis;
 
-/// A range of values on an axis, linear or logarithmic. Bounds are finite, in order and apart;
+/// A range of values on an axis, linear or logarithmic. Bounds are finite, ascending and distinct;
 /// positive if logarithmic.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Scale {
@@ -144,17 +144,17 @@ mod tests {
     }
 
     #[test]
-    fn values_go_where_they_belong() {
+    fn maps_values_to_positions() {
         let log = Scale::around(Axis::Log, std::iter::empty(), Some((1.0, 100.0)));
         assert_eq!(log.map(&10.0, (0, 200)), 100);
         let linear = Scale::around(Axis::Linear, [0.0, 1.0].into_iter(), None);
         assert_eq!((linear.map(&0.5, (0, 100)), linear.map(&-9.0, (0, 100))), (50, 0));
-        // The vertical axis of pictures runs down.
+        // The vertical axis of pictures points down.
         assert_eq!(linear.map(&9.0, (300, 20)), 20);
     }
 
     #[test]
-    fn ranges_that_are_none_are_made_some() {
+    fn accepts_empty_and_extreme_ranges() {
         for axis in [Axis::Linear, Axis::Log] {
             for values in [vec![], vec![3.0], vec![f64::MAX, 1.0], vec![f64::MIN_POSITIVE, f64::MAX]] {
                 let scale = Scale::around(axis, values.clone().into_iter(), None);

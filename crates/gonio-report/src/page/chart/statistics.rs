@@ -42,7 +42,7 @@ impl Histogram {
     }
 }
 
-/// Returns the steps of the empirical distribution of finite values: from `(least, 0)` up to
+/// Returns the steps of the empirical distribution of finite values: from `(smallest, 0)` up to
 /// `(largest, 1)`.
 pub fn ecdf_steps(mut values: Vec<f64>) -> Vec<(f64, f64)> {
     values.sort_by(f64::total_cmp);
@@ -64,7 +64,7 @@ mod tests {
         assert_eq!(corners.len(), 6);
         let area: f64 = corners.chunks(2).map(|c| (c[1].0 - c[0].0) * c[0].1).sum();
         assert!((area - 5.0 / 8.0).abs() < 1e-12 && (histogram.outside() - 3.0 / 8.0).abs() < 1e-12);
-        assert!((corners[2].0 - 0.5).abs() < 1e-12, "the empty bin is left out");
+        assert!((corners[2].0 - 0.5).abs() < 1e-12, "the empty bin is omitted");
         assert_eq!(Histogram::new(&[], 0.0, 1.0, 2).corners(), []);
     }
 

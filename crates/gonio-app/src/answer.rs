@@ -160,7 +160,7 @@ pub(crate) fn of_one(
     Ok(conclude(asked, seen, found, &image, settings, warnings, journal))
 }
 
-/// The error for an estimate that the photograph contradicts, with the likely causes first.
+/// Returns the error for an estimate that the photograph contradicts, with suggestions.
 fn contradicted(image: &str, seen: &Seen, lit: bool, misfit: f64) -> Problem {
     let text = format!("light and material leave {:.0} % of the photograph unexplained", 100.0 * misfit);
     let problem = Problem::of(image, text);

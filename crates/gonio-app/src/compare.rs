@@ -40,7 +40,7 @@ pub struct Given {
     pub failed: Option<String>,
 }
 
-/// Names folders by the last component of the path; by the whole path if that is not unique.
+/// Returns the names of folders: the last component of the path, or the path if it is not unique.
 pub fn names(folders: &[PathBuf]) -> Vec<String> {
     let last = |folder: &PathBuf| folder.file_name().map(|name| name.to_string_lossy().into_owned());
     let mut times: BTreeMap<Option<String>, usize> = BTreeMap::new();

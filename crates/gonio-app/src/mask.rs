@@ -26,7 +26,7 @@ pub(crate) fn resampled(mask: &Plane<f32>, (width, height): (usize, usize)) -> P
     Plane::from_fn(width, height, |x, y| rows[y].iter().map(|&(v, part)| part * narrow[(x, v)]).sum())
 }
 
-/// For each pixel of a line of `to` pixels, returns the covered pixels of a line of `from` pixels
+/// Returns, for each pixel of a line of `to` pixels, the covered pixels of a line of `from` pixels
 /// and their weights, which sum to one. Enlarged lines are interpolated.
 fn shares(from: usize, to: usize) -> Vec<Vec<(usize, f32)>> {
     let scale = from as f64 / to as f64;

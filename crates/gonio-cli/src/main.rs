@@ -125,7 +125,7 @@ fn main() -> ExitCode {
         _ => Talk::Usual,
     });
     if let Some(threads) = general.threads {
-        // Fails only if a global pool exists; none exists here.
+        // This fails only if a global thread pool exists already, which is not the case.
         let _ = rayon::ThreadPoolBuilder::new().num_threads(threads.into()).build_global();
     }
     set_hook(Box::new(note));

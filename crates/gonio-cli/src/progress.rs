@@ -10,7 +10,7 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 /// Steps of a bar. The bar never shows the last one before the stage ends.
 const STEPS: u64 = 1000;
 
-/// Time after which the line appears; quicker stages show none.
+/// Time after which the line appears; shorter stages show no line.
 const PATIENCE: Duration = Duration::from_millis(200);
 
 /// Time between two frames of the spinner.

@@ -29,8 +29,8 @@ fn short_help_fits_a_screen_and_long_help_has_headings() {
 fn reports_options_that_do_not_apply_to_a_file() {
     let bench = Bench::with_ball();
     bench.write("ball.pfm", &encode_pfm(&ball().rgb));
-    let said = bench.run("check ball.exr --linear").succeeds().stderr;
-    assert!(said.contains("ball.exr: is already linear"), "{said}");
+    let printed = bench.run("check ball.exr --linear").succeeds().stderr;
+    assert!(printed.contains("ball.exr: is already linear"), "{printed}");
     bench.refuses("check ball.pfm --layer diffuse", &["ball.pfm: has no layers, because it is not an OpenEXR file"]);
 }
 
@@ -39,7 +39,7 @@ fn rejects_options_that_the_method_does_not_use() {
     let bench = Bench::with_ball();
     bench.write("light.hdr", &encode_hdr(studio_light(16).radiance()));
     bench.write("labels.png", b"");
-    for (options, says) in [
+    for (options, message) in [
         ("--solver blocks", "--solver is for --method variational; method learnt does not use it"),
         ("--starts 2", "--starts is for --method variational, map, known-light-basis"),
         ("--seed 2", "--seed is for"),
@@ -67,7 +67,7 @@ fn rejects_options_that_the_method_does_not_use() {
         ("--light light.hdr --normals normals.npy --grid 256", "grid 256: must be a power of two from 4 to 128"),
         ("--method map --grid 256", "grid 256: must be a power of two from 4 to 128"),
     ] {
-        bench.refuses(&format!("infer ball.exr -o out {options}"), &[says]);
+        bench.refuses(&format!("infer ball.exr -o out {options}"), &[message]);
     }
 }
 
@@ -93,7 +93,7 @@ fn reads_a_photograph_from_standard_input() {
     assert_eq!(bench.json("piped/result.json")["image"], "standard input");
     bench.write("text", b"no picture");
     bench.write("empty", b"");
-    for (line, file, says) in [
+    for (line, file, message) in [
         ("infer - -o x", "text", "standard input: has an unknown image format"),
         ("infer - -o x", "empty", "standard input: is empty"),
         ("infer -", "ball.exr", "specify one with -o DIR"),
@@ -104,7 +104,7 @@ fn reads_a_photograph_from_standard_input() {
             "standard input: a response curve applies only to exposures in files",
         ),
     ] {
-        bench.run_reading(line, file).fails(&[says]);
+        bench.run_reading(line, file).fails(&[message]);
         assert!(!bench.path("x").exists());
     }
     bench.run_reading("light - -o probe.exr --rows 16", "ball.exr").succeeds();
@@ -126,7 +126,7 @@ fn errors_contain_a_hint() {
     std::fs::create_dir_all(bench.path("out")).unwrap();
     std::fs::create_dir_all(bench.path("empty")).unwrap();
     std::fs::copy(bench.path("in.binary"), bench.path("out/brdf.binary")).unwrap();
-    for (line, says) in [
+    for (line, message) in [
         ("a.exr", "gonio infer a.exr"),
         ("none.exr --json=x", "gonio infer none.exr"),
         ("infr", "'infer'"),
@@ -138,7 +138,7 @@ fn errors_contain_a_hint() {
         ("render --brdf empty --light light.hdr -o x.png", "empty: is a folder without brdf.binary"),
         ("export none", "none: file or folder not found; specify a result folder of gonio infer"),
     ] {
-        bench.refuses(line, &[says]);
+        bench.refuses(line, &[message]);
     }
 }
 

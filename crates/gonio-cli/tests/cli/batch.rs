@@ -27,7 +27,7 @@ fn column(bench: &Bench, index: usize) -> Vec<String> {
 }
 
 #[test]
-fn a_failed_row_does_not_stop_the_batch_and_is_resumed() {
+fn failed_rows_do_not_stop_the_batch_and_run_again() {
     let bench = bench();
     let run = bench.run("batch photos/list.csv -o out");
     assert_eq!(run.code, Some(2));
@@ -40,15 +40,15 @@ fn a_failed_row_does_not_stop_the_batch_and_is_resumed() {
     // Once the image exists, only the failed row is inferred.
     std::fs::copy(bench.path("photos/ball.exr"), bench.path("photos/none.exr")).unwrap();
     let run = bench.run("--json batch photos/list.csv -o out").succeeds();
-    let said: serde_json::Value = serde_json::from_str(&run.stdout).unwrap();
-    assert_eq!((said["inferred"].as_u64(), said["skipped"].as_u64()), (Some(1), Some(2)));
+    let printed: serde_json::Value = serde_json::from_str(&run.stdout).unwrap();
+    assert_eq!((printed["inferred"].as_u64(), printed["skipped"].as_u64()), (Some(1), Some(2)));
     assert_eq!(bench.read("out/one/result.json"), first);
     assert_eq!(column(&bench, 1), ["done"; 3]);
     // A row is inferred again if its arguments change.
     bench.write("photos/list.csv", TABLE.replace("one,ball.exr,,8", "one,ball.exr,,4").as_bytes());
     let run = bench.run("--json batch photos/list.csv -o out").succeeds();
-    let said: serde_json::Value = serde_json::from_str(&run.stdout).unwrap();
-    assert_eq!(said["inferred"].as_u64(), Some(1));
+    let printed: serde_json::Value = serde_json::from_str(&run.stdout).unwrap();
+    assert_eq!(printed["inferred"].as_u64(), Some(1));
     assert_eq!(bench.json("out/one/result.json")["settings"]["grid"], 4);
 }
 
@@ -85,7 +85,7 @@ fn the_slurm_example_runs() {
 #[test]
 fn rejects_invalid_tables() {
     let bench = bench();
-    for (table, says) in [
+    for (table, message) in [
         ("name\none\n", "the table has no column image"),
         ("image\n", "has no rows"),
         ("image,colour\nball.exr,red\n", "column colour is not an option of gonio infer"),
@@ -98,7 +98,7 @@ fn rejects_invalid_tables() {
         ("image,mask\n,ball.exr\n", "row 1: the cell of column image is empty"),
     ] {
         bench.write("photos/bad.csv", table.as_bytes());
-        bench.refuses("batch photos/bad.csv -o x", &["photos/bad.csv", says]);
+        bench.refuses("batch photos/bad.csv -o x", &["photos/bad.csv", message]);
     }
     bench.refuses("batch none.csv -o x", &["none.csv: cannot open"]);
     bench.refuses("batch photos/list.csv -o x --shard 4/3", &["--shard"]);

@@ -58,11 +58,11 @@ fn describes_every_object() {
     let run = bench.run("check ball.exr --circle 14,24,9 --circle 34,24,9").succeeds();
     assert!(run.stdout.contains("region 1: ball, circle 14.0,24.0,9.0"), "{run:?}");
     assert!(run.stdout.contains("region 2: ball, circle 34.0,24.0,9.0"), "{run:?}");
-    for (options, says) in
+    for (options, message) in
         [("--normals normals.npy", "shape from a normal map"), ("--shape ellipsoid", "ellipsoid, semi-axes 2")]
     {
         let run = bench.run(&format!("check ball.exr {options}")).succeeds();
-        assert!(run.stdout.contains(says), "{run:?}");
+        assert!(run.stdout.contains(message), "{run:?}");
     }
 }
 

@@ -69,9 +69,9 @@ fn json_contains_the_agreement_of_pairs() {
     gonio_io::merl::write(bench.path("two/brdf.binary"), &crate::support::merl(&crate::support::material(0.01, 0.05)))
         .unwrap();
     let run = bench.run("compare one two -o page.html --json").succeeds();
-    let said: Value = serde_json::from_str(&run.stdout).unwrap();
-    assert_eq!((&said["output"], &said["results"]), (&json!("page.html"), &json!(2)));
-    let pair = &said["pairs"][0];
+    let printed: Value = serde_json::from_str(&run.stdout).unwrap();
+    assert_eq!((&printed["output"], &printed["results"]), (&json!("page.html"), &json!(2)));
+    let pair = &printed["pairs"][0];
     assert_eq!((&pair["of"], &pair["agreement"]), (&json!(["one", "two"]), &json!("differ")));
     let distance = gonio::reflectance::log_distance(&bench.luminance("one"), &bench.luminance("two"));
     assert!((pair["distance"].as_f64().unwrap() - distance).abs() < 1e-9 && distance > 0.2, "{pair}");
@@ -177,8 +177,8 @@ fn batch_writes_and_updates_a_page_of_all_rows() {
     assert!(second.contains("href=\"./bad/report.html\""));
     // `gonio compare` accepts a batch together with another result.
     let run = bench.run("compare out out/c -o all.html --json").succeeds();
-    let said: Value = serde_json::from_str(&run.stdout).unwrap();
-    assert_eq!((&said["results"], &said["pairs"][0]["of"]), (&json!(4), &json!(["out/a b", "out/bad"])));
+    let printed: Value = serde_json::from_str(&run.stdout).unwrap();
+    assert_eq!((&printed["results"], &printed["pairs"][0]["of"]), (&json!(4), &json!(["out/a b", "out/bad"])));
     // A page that gonio did not write is kept.
     bench.write("out/compare.html", b"mine");
     let run = bench.run_with("batch list.csv -o out", &WITH_PAGES).succeeds();

@@ -83,7 +83,7 @@ fn rejects_invalid_input() {
         bench.read("t.bsdf")
     };
     bench.write("short.bsdf", &tensor[..tensor.len() / 2]);
-    for (arguments, says) in [
+    for (arguments, message) in [
         ("export in.binary", "specify one with -o DIR"),
         ("export none.binary -o x", "none.binary"),
         ("export empty -o x", "empty: does not contain brdf.binary"),
@@ -94,7 +94,7 @@ fn rejects_invalid_input() {
         ("convert in.binary x.txt", "x.txt: the output must be a .binary or .bsdf file"),
         ("convert short.bsdf x.binary", "short.bsdf: is truncated"),
     ] {
-        bench.refuses(arguments, &[says]);
+        bench.refuses(arguments, &[message]);
     }
 }
 

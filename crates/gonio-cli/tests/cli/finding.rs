@@ -92,9 +92,9 @@ fn detects_a_ball_in_a_jpeg_file() {
 fn lists_and_draws_candidates_of_ambiguous_detections() {
     let bench = Bench::new();
     bench.write("balls.exr", &exr_of(photograph(&[(20, 40), (260, 60)], texture)));
-    let says = ["balls.exr: the ball was not reliably detected", "(1) --circle ", "(2) --circle ", "--mask FILE"];
-    bench.refuses("infer balls.exr -o out", &says);
-    let run = bench.run("check balls.exr").fails(&[&says[..], &["; see balls-check.png"]].concat());
+    let message = ["balls.exr: the ball was not reliably detected", "(1) --circle ", "(2) --circle ", "--mask FILE"];
+    bench.refuses("infer balls.exr -o out", &message);
+    let run = bench.run("check balls.exr").fails(&[&message[..], &["; see balls-check.png"]].concat());
     assert_eq!(bench.names("."), ["balls-check.png", "balls.exr"]);
     assert_eq!(&bench.read("balls-check.png")[1..4], b"PNG");
     // The suggested option works.
@@ -151,8 +151,8 @@ fn scales_masks_of_another_size() {
         let found: Value = serde_json::from_str(&run.stdout).unwrap();
         assert_near(circle_of(&found["objects"][0]), circle_of(&same["objects"][0]));
         let warned = found["warnings"].as_array().unwrap();
-        let says = format!("{name}: the mask is {size}x{size}, the photograph {SIZE}x{SIZE}; gonio scales the mask");
-        assert!(warned.iter().filter(|warning| **warning == *says).count() == 1, "{warned:?}");
+        let message = format!("{name}: the mask is {size}x{size}, the photograph {SIZE}x{SIZE}; gonio scales the mask");
+        assert!(warned.iter().filter(|warning| **warning == *message).count() == 1, "{warned:?}");
     }
 }
 

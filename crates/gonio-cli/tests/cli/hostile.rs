@@ -20,9 +20,9 @@ fn escapes_malicious_names() {
     let mut command = bench.command("infer --grid 8");
     command.env_remove("GONIO_NO_REPORT").arg(NAME);
     let run = command.output().unwrap();
-    let said = String::from_utf8_lossy(&run.stdout).into_owned() + &String::from_utf8_lossy(&run.stderr);
-    assert!(run.status.success() && said.contains("<img src=x"), "{said}");
-    assert!(!controls(&said), "{said:?}");
+    let printed = String::from_utf8_lossy(&run.stdout).into_owned() + &String::from_utf8_lossy(&run.stderr);
+    assert!(run.status.success() && printed.contains("<img src=x"), "{printed}");
+    assert!(!controls(&printed), "{printed:?}");
     // The default folder is beside the photograph.
     let folder = format!("{}-gonio", NAME.trim_end_matches(".exr"));
     let page = String::from_utf8(bench.read(&format!("{folder}/report.html"))).unwrap();
@@ -35,8 +35,8 @@ fn errors_contain_no_control_characters() {
     let bench = Bench::new();
     bench.write("\u{1b}]0;x\u{7}.exr", b"no picture");
     let run = bench.command("check").arg("\u{1b}]0;x\u{7}.exr").output().unwrap();
-    let said = String::from_utf8_lossy(&run.stderr).into_owned();
-    assert!(run.status.code() == Some(2) && said.contains("]0;x") && !controls(&said), "{said:?}");
+    let printed = String::from_utf8_lossy(&run.stderr).into_owned();
+    assert!(run.status.code() == Some(2) && printed.contains("]0;x") && !controls(&printed), "{printed:?}");
 }
 
 #[test]

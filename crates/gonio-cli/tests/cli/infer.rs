@@ -116,7 +116,7 @@ fn paper_conflicts_with_other_options() {
     }
 }
 
-/// A ball under the studio light: its photograph, and the light as a map.
+/// Creates a bench with the photograph of a ball under the studio light, and a map of the light.
 fn lit_ball() -> Bench {
     let bench = Bench::with_ball();
     bench.write("light.hdr", &encode_hdr(studio_light(32).radiance()));

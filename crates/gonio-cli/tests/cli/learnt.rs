@@ -78,8 +78,9 @@ fn rejects_models_without_a_posterior() {
     let bench = Bench::with_ball();
     let model = Model { learnt: None, ..gonio_io::model::embedded().unwrap() };
     bench.write("bare.model", &gonio_io::model::encode_model(&model));
-    let says = ["bare.model: has no posterior", "gonio train posterior", "gonio train model --posterior", "--method"];
-    bench.refuses("infer ball.exr -o out --model bare.model", &says);
+    let message =
+        ["bare.model: has no posterior", "gonio train posterior", "gonio train model --posterior", "--method"];
+    bench.refuses("infer ball.exr -o out --model bare.model", &message);
 }
 
 #[test]

@@ -185,7 +185,7 @@ fn rejects_invalid_input_without_output() {
     let black = photograph(&far(), &room(), 0.0);
     bench.write("black.exr", &exr(&Picture { rgb: black.rgb.map(|_| Vec3::ZERO), ..black }));
     std::fs::create_dir(bench.path("folder.light.png")).unwrap();
-    for (line, says) in [
+    for (line, message) in [
         ("none.exr -o x.exr", &["none.exr: cannot open"][..]),
         ("chrome.exr -o x.png", &["x.png: the output must be an .exr file"]),
         ("chrome.exr -o chrome.exr", &["chrome.exr: the output would overwrite the photograph"]),
@@ -213,6 +213,6 @@ fn rejects_invalid_input_without_output() {
         ("chrome.exr side.exr -o x.exr", &["chrome.exr: contains radiance"]),
         ("chrome.exr", &["--output"]),
     ] {
-        bench.refuses(&format!("light {line}"), says);
+        bench.refuses(&format!("light {line}"), message);
     }
 }

@@ -206,7 +206,7 @@ fn rejects_invalid_brackets() {
     bench.write("short.jpg", &bench.read("3.jpg")[..600]);
     bench.write("falls.csv", b"0,1\n1,0\n");
     bench.write("full.csv", b"x");
-    for (files, says) in [
+    for (files, message) in [
         (
             "2.png untimed.png",
             &["untimed.png: has no exposure time in its EXIF data; specify the times", "--times"][..],
@@ -232,8 +232,8 @@ fn rejects_invalid_brackets() {
         ("2.png 3.png --response curve.csv --flat small.png", &["small.png: is a flat field of 64x32"]),
         ("2.png 3.png --layer x", &["a layer applies only to OpenEXR files"]),
     ] {
-        bench.refuses(&format!("merge {files} -o out.exr"), says);
-        bench.refuses(&format!("infer {files} -o out"), says);
+        bench.refuses(&format!("merge {files} -o out.exr"), message);
+        bench.refuses(&format!("infer {files} -o out"), message);
     }
     bench.refuses("merge 2.png 3.png -o out.png", &["out.png: the output must be an .exr file"]);
     bench.refuses("merge -o out.exr", &["IMAGES"]);

@@ -68,13 +68,13 @@ fn rejects_mostly_faulty_photographs() {
     bench.write("infinite.exr", &bad(f32::INFINITY));
     bench.write("negative.exr", &bad(-0.1));
     bench.write("normals.npy", &encode_normals(&normals(SIZE)));
-    for (image, says) in [
+    for (image, message) in [
         ("nan.exr", " 0 are negative and "),
         ("infinite.exr", " are NaN or infinite"),
         ("negative.exr", " are negative and 0 are NaN"),
     ] {
         for shape in ["", "--normals normals.npy"] {
-            bench.refuses(&format!("infer {image} -o out {shape}"), &[image, "too few of the object's ", says]);
+            bench.refuses(&format!("infer {image} -o out {shape}"), &[image, "too few of the object's ", message]);
         }
     }
 }

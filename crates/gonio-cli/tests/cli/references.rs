@@ -137,7 +137,7 @@ fn rejects_unusable_references() {
     let clipped = Picture { rgb: clipped.rgb.map(|pixel| pixel.min(Vec3::splat(level))), ..clipped };
     bench.write("clipped.exr", &exr(&clipped));
     bench.write("light.exr", &exr(&Picture { rgb: studio_light(16).radiance().clone(), alpha: None }));
-    for (options, says) in [
+    for (options, message) in [
         ("white.exr --white 300,25,12", &["white.exr: ", "outside the image of 88x68"][..]),
         ("white.exr --white 24,24,12", &["lie on the object"]),
         ("white.exr --white 68,25,2", &["usable pixels, 25 are required"]),
@@ -156,7 +156,7 @@ fn rejects_unusable_references() {
         ("white.exr --color-checker --reference-reflectance 0.2", &["reflectances of a colour chart are published"]),
         ("white.exr --reference-color-only", &["--reference-color-only requires"]),
     ] {
-        bench.refuses(&format!("infer {options} -o out {CIRCLE}"), says);
+        bench.refuses(&format!("infer {options} -o out {CIRCLE}"), message);
     }
     for line in ["--color-checker white.exr", "white.exr --white 1,1,1 --grey-card a.png"] {
         assert_eq!(bench.run(&format!("infer {line}")).code, Some(2), "{line}");

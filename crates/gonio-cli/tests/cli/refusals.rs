@@ -23,7 +23,7 @@ fn rejects_invalid_photographs() {
     bench.write("uneven.pfm", &gonio_io::picture::encode_pfm(&uneven));
     bench.write("one.exr", &grey(0.5, 1, 1));
     fs::create_dir(bench.path("folder")).unwrap();
-    for (image, says) in [
+    for (image, message) in [
         ("none.exr", "none.exr: cannot open"),
         ("folder", "folder: cannot read"),
         ("short.exr", "short.exr: "),
@@ -36,8 +36,8 @@ fn rejects_invalid_photographs() {
         ("uneven.pfm", "uneven.pfm: no object found"),
         ("one.exr", "one.exr: no object found"),
     ] {
-        bench.refuses(&format!("infer {image} -o out"), &[says]);
-        bench.refuses(&format!("infer {image} -o deep/er/out"), &[says]);
+        bench.refuses(&format!("infer {image} -o out"), &[message]);
+        bench.refuses(&format!("infer {image} -o deep/er/out"), &[message]);
     }
     bench.refuses("infer", &["<IMAGE>"]);
 }
@@ -79,7 +79,7 @@ fn rejects_invalid_masks() {
     };
     bench.write("bar.png", &shape(&|x, y| x.abs() < 20.0 && y.abs() < 5.0));
     bench.write("oval.png", &shape(&|x, y| (x / 20.0).hypot(y / 16.0) < 1.0));
-    for (mask, says) in [
+    for (mask, message) in [
         ("none.png", "none.png: cannot open"),
         ("empty.exr", "empty.exr: the mask is empty"),
         ("full.exr", "full.exr: the mask covers the whole image"),
@@ -89,7 +89,7 @@ fn rejects_invalid_masks() {
         ("oval.png", "oval.png: the outline is an ellipse"),
         ("normals.npy", "normals.npy: "),
     ] {
-        bench.refuses(&format!("infer ball.exr -o out --mask {mask}"), &[says]);
+        bench.refuses(&format!("infer ball.exr -o out --mask {mask}"), &[message]);
     }
     bench.refuses(
         "infer ball.exr -o out --mask empty.exr --normals normals.npy",
@@ -108,7 +108,7 @@ fn rejects_invalid_normals() {
     bench.write("flat.npy", &encode_normals(&good.map(|_| Vec3::Z)));
     let bytes = bench.read("normals.npy");
     bench.write("short.npy", &bytes[..bytes.len() - 8]);
-    for (normals, says) in [
+    for (normals, message) in [
         ("missing.npy", "missing.npy: cannot open"),
         ("small.npy", "small.npy: the normal map is 24x24"),
         ("long.npy", "long.npy: "),
@@ -117,7 +117,7 @@ fn rejects_invalid_normals() {
         ("flat.npy", "flat.npy: the shape is too flat to separate light and reflectance"),
         ("short.npy", "short.npy: has"),
     ] {
-        bench.refuses(&format!("infer ball.exr -o out --normals {normals}"), &[says]);
+        bench.refuses(&format!("infer ball.exr -o out --normals {normals}"), &[message]);
     }
     bench.refuses("infer ball.exr -o out --normals long.npy", &["are not unit vectors"]);
     bench.refuses("infer ball.exr -o out --normals normals.npy --circle 9,9,9", &["--circle", "--normals"]);
@@ -140,7 +140,7 @@ fn rejects_invalid_models() {
     bench.write("short.model", &bytes[..bytes.len() - 100]);
     *bytes.last_mut().unwrap() ^= 1;
     bench.write("flipped.model", &bytes);
-    for (model, says) in [
+    for (model, message) in [
         ("none.model", "none.model: cannot open"),
         ("future.model", "future.model: has format version 2, but version 1 is required"),
         ("kind.model", "kind.model: contains unknown content"),
@@ -148,7 +148,7 @@ fn rejects_invalid_models() {
         ("flipped.model", "flipped.model: does not match its checksum"),
         ("ball.exr", "ball.exr: is not a model"),
     ] {
-        bench.refuses(&format!("infer ball.exr -o out --model {model}"), &[says]);
+        bench.refuses(&format!("infer ball.exr -o out --model {model}"), &[message]);
     }
 }
 
@@ -158,7 +158,7 @@ fn rejects_invalid_lights_and_options() {
     bench.write("square.exr", &grey(1.0, 8, 8));
     bench.write("wide.exr", &grey(1.0, 17, 8));
     bench.write("nan.exr", &grey(f32::NAN, 16, 8));
-    for (options, says) in [
+    for (options, message) in [
         ("--method known-light", "--light"),
         ("--method map --light square.exr", "--light MAP is for --method known-light"),
         ("--method known-light --light none.exr", "none.exr: cannot open"),
@@ -186,7 +186,7 @@ fn rejects_invalid_lights_and_options() {
         ("--shape cube", "--shape"),
         ("--sed 3", "'--seed'"),
     ] {
-        bench.refuses(&format!("infer ball.exr -o out {options}"), &[says]);
+        bench.refuses(&format!("infer ball.exr -o out {options}"), &[message]);
     }
 }
 

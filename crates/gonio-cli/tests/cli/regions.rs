@@ -57,13 +57,13 @@ fn rejects_invalid_labels() {
     bench.write("small.png", &labels(SIZE / 2, SIZE));
     bench.write("black.png", &encode_png(&Plane::from_fn(SIZE, SIZE, |_, _| Vec3::ZERO)));
     bench.write("many.png", &encode_png(&Plane::from_fn(SIZE, SIZE, |x, _| Vec3::splat((x as f32 + 1.0) / 50.0))));
-    for (labels, says) in [
+    for (labels, message) in [
         ("small.png", "small.png: the labels are"),
         ("black.png", "black.png: is black"),
         ("many.png", "many.png: contains"),
         ("none.png", "none.png: cannot open"),
     ] {
-        bench.refuses(&format!("infer ball.exr -o out --materials {labels}"), &[says]);
+        bench.refuses(&format!("infer ball.exr -o out --materials {labels}"), &[message]);
     }
     bench.write("labels.png", &labels(SIZE, SIZE));
     bench.refuses("infer ball.exr -o out --materials labels.png --method map", &["several materials"]);

@@ -29,7 +29,7 @@ fn rejects_invalid_input() {
     bench.write("black.exr", &grey(0.0, 16, 8));
     bench.write("negative.exr", &grey(-1.0, 16, 8));
     std::fs::create_dir(bench.path("folder.exr")).unwrap();
-    for (brdf, light, output, says) in [
+    for (brdf, light, output, message) in [
         ("in.binary", "light.hdr", "x.jpg", "x.jpg"),
         ("in.binary", "light.hdr", "x", ".exr or .png"),
         ("none.binary", "light.hdr", "x.exr", "none.binary"),
@@ -46,9 +46,9 @@ fn rejects_invalid_input() {
         ("in.binary", "light.hdr", "in.binary/x.png", "in.binary/x.png"),
         ("in.binary", "light.hdr", "folder.exr", "folder.exr"),
     ] {
-        bench.refuses(&format!("render --brdf {brdf} --light {light} -o {output} --size 8"), &[says]);
+        bench.refuses(&format!("render --brdf {brdf} --light {light} -o {output} --size 8"), &[message]);
     }
-    for (option, says) in [
+    for (option, message) in [
         ("--size 7", "--size"),
         ("--size many", "--size"),
         ("--samples 0", "--samples"),
@@ -56,7 +56,7 @@ fn rejects_invalid_input() {
         ("--tolerance nan", "--tolerance"),
         ("--odd", "--odd"),
     ] {
-        bench.refuses(&format!("render --brdf in.binary --light light.hdr -o x.exr {option}"), &[says]);
+        bench.refuses(&format!("render --brdf in.binary --light light.hdr -o x.exr {option}"), &[message]);
     }
     bench.refuses("render --brdf in.binary -o x.exr", &["--light"]);
 }

@@ -200,7 +200,7 @@ fn rejects_invalid_shapes() {
     bench.write("bad.json", br#"{"projection": "perspective", "fov": 40}"#);
     bench.write("flat.json", br#"{"scale": 0}"#);
     bench.write("light.json", b"[1, 2");
-    for (options, says) in [
+    for (options, message) in [
         ("--mesh none.ply", "none.ply: cannot open"),
         ("--mesh short.ply", "short.ply: "),
         ("--mesh empty.obj", "empty.obj: "),
@@ -217,7 +217,7 @@ fn rejects_invalid_shapes() {
         ("--normals-flip-y", "--normals"),
         ("--depth-axis -3", "--depth-axis"),
     ] {
-        bench.refuses(&format!("infer bowl.exr -o out {options}"), &[says]);
+        bench.refuses(&format!("infer bowl.exr -o out {options}"), &[message]);
     }
     bench.write("grey.exr", &grey(1.0, 64, 64));
     bench.refuses("infer grey.exr -o out", &["grey.exr: no object found"]);
@@ -244,8 +244,8 @@ fn warns_about_unusual_meshes() {
     bench.write("odd.obj", odd.as_bytes());
     // The paper's methods also print these warnings.
     let run = bench.run("infer bowl.exr --mesh odd.obj -o out --method variational --starts 1 --grid 8").succeeds();
-    for says in ["odd.obj: the mesh of", "1 triangles with zero area", "facing inwards"] {
-        assert!(run.stderr.contains(says), "{says}: {run:?}");
+    for message in ["odd.obj: the mesh of", "1 triangles with zero area", "facing inwards"] {
+        assert!(run.stderr.contains(message), "{message}: {run:?}");
     }
     assert!(!BOWL.said.contains("mesh"), "{}", BOWL.said);
     // The same pixels show the mesh, now its inside; a few pixels at thin triangles may differ.

@@ -40,8 +40,8 @@ fn a_photograph_in_acescg_gives_the_same_brdf() {
     bench.run("infer unstated.exr -o wrong --grid 8 --color median").succeeds();
     let run = bench.run("infer stated.exr -o out --grid 8 --color median --colorspace rec2020 --output-colorspace ap1");
     let run = run.succeeds();
-    let says = "stated.exr: states the colour space acescg (chromaticities of the file); the specified space rec2020 has no effect";
-    assert!(run.stderr.contains(says), "{run:?}");
+    let message = "stated.exr: states the colour space acescg (chromaticities of the file); the specified space rec2020 has no effect";
+    assert!(run.stderr.contains(message), "{run:?}");
 
     let (plain, given, wrong) = (bench.channels("plain"), bench.channels("given"), bench.channels("wrong"));
     for channel in 0..3 {

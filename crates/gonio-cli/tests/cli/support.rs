@@ -37,14 +37,14 @@ impl Run {
         self
     }
 
-    /// Asserts exit code 2 and one line on standard error that contains each of `says`.
+    /// Asserts exit code 2 and one line on standard error that contains each of `parts`.
     #[track_caller]
-    pub(crate) fn fails(self, says: &[&str]) -> Self {
+    pub(crate) fn fails(self, parts: &[&str]) -> Self {
         assert_eq!(self.code, Some(2), "{self:?}");
         assert_eq!(self.stdout, "");
         let lines: Vec<&str> = self.stderr.lines().collect();
         assert!(lines.len() == 1 && lines[0].starts_with("error: "), "{self:?}");
-        assert!(says.iter().all(|s| lines[0].contains(s)), "{self:?} does not contain all of {says:?}");
+        assert!(parts.iter().all(|s| lines[0].contains(s)), "{self:?} does not contain all of {parts:?}");
         self
     }
 }
@@ -126,9 +126,9 @@ impl Bench {
 
     /// Runs `gonio`, and asserts that it [fails](Run::fails) and does not change the folder.
     #[track_caller]
-    pub(crate) fn refuses(&self, line: &str, says: &[&str]) {
+    pub(crate) fn refuses(&self, line: &str, parts: &[&str]) {
         let before = self.tree();
-        self.run(line).fails(says);
+        self.run(line).fails(parts);
         assert_eq!(self.tree(), before, "{line}");
     }
 

@@ -186,13 +186,13 @@ esac
         bench.write(&format!("lights/{name}"), b"x");
     }
     let before = bench.tree();
-    let (done, says) = build();
-    assert!(!done && says.contains(&format!("does not hold {};", cc0_lights()[0])), "{says}");
+    let (done, message) = build();
+    assert!(!done && message.contains(&format!("does not hold {};", cc0_lights()[0])), "{message}");
     assert_eq!(bench.tree(), before);
 
     bench.write(&format!("lights/{}", names[0]), b"x");
-    let (done, says) = build();
-    assert!(done, "{says}");
+    let (done, message) = build();
+    assert!(done, "{message}");
     let made = String::from_utf8(bench.read("own.model")).unwrap();
     let expected = [&names[..], &["one.binary".to_owned()], &names[..]].concat();
     let mut made: Vec<&str> = made.lines().collect();

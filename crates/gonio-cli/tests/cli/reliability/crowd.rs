@@ -27,8 +27,8 @@ fn together(job: &Job) {
     let bench = job.bench();
     let whole = &job.undisturbed().files;
     let children: Vec<Child> = (0..CROWD).map(|_| start(&bench, &job.to("out"))).collect();
-    for (code, said) in children.into_iter().map(end) {
-        assert_eq!(code, Some(0), "{}: {said}", job.name);
+    for (code, printed) in children.into_iter().map(end) {
+        assert_eq!(code, Some(0), "{}: {printed}", job.name);
     }
     same(&written(&bench, &job.output("out")), whole, job.name);
     assert_eq!(leftovers(&bench), Vec::<String>::new(), "{}", job.name);
@@ -41,7 +41,7 @@ fn four_concurrent_processes_write_one_output() {
     }
 }
 
-each_job!(four_at_once_five_times: |job| (0..5).for_each(|_| together(job)));
+each_job!(five_runs_of_four_processes: |job| (0..5).for_each(|_| together(job)));
 
 /// Removes the folder of the output while the command runs, after these fractions of its duration.
 fn removed(job: &Job, parts: &[f64]) {
@@ -54,12 +54,12 @@ fn removed(job: &Job, parts: &[f64]) {
         sleep(time.mul_f64(*part).min(Duration::from_secs(60)));
         // The command can write to the folder during the removal.
         while deep.exists() && std::fs::remove_dir_all(&deep).is_err() {}
-        let (code, said) = end(child);
+        let (code, printed) = end(child);
         if whole_or_absent(&bench, &job.output("deep/out"), whole) {
-            assert_eq!(code, Some(0), "{}: {said}", job.name);
+            assert_eq!(code, Some(0), "{}: {printed}", job.name);
         } else {
-            assert!(code == Some(0) || said.contains("deep"), "{}: {code:?} {said}", job.name);
-            assert!(code != Some(101), "{}: {said}", job.name);
+            assert!(code == Some(0) || printed.contains("deep"), "{}: {code:?} {printed}", job.name);
+            assert!(code != Some(101), "{}: {printed}", job.name);
         }
         assert_eq!(leftovers(&bench), Vec::<String>::new(), "{}", job.name);
         // The command creates the folder again if it was removed early.
@@ -70,7 +70,7 @@ fn removed(job: &Job, parts: &[f64]) {
 }
 
 #[test]
-fn names_a_removed_folder() {
+fn errors_name_a_removed_folder() {
     removed(job("export"), &[0.5]);
 }
 
@@ -81,4 +81,4 @@ fn removed_at_any_moment(job: &Job) {
     }
 }
 
-each_job!(a_folder_that_goes_at_any_moment: removed_at_any_moment);
+each_job!(folder_removed_at_any_time: removed_at_any_moment);

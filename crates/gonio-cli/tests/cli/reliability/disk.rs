@@ -43,8 +43,8 @@ fn fill(job: &Job, sizes: &[usize]) -> Option<usize> {
             there += 1;
         } else {
             assert_eq!(run.code, Some(2), "{}: {run:?}", job.name);
-            for says in ["disk/out", "No space left", "free disk space"] {
-                assert!(run.stderr.contains(says), "{says}: {run:?}");
+            for message in ["disk/out", "No space left", "free disk space"] {
+                assert!(run.stderr.contains(message), "{message}: {run:?}");
             }
             let nothing = job.kind == Kind::Batch || !bench.path(&output).exists();
             assert!(nothing, "{} on {size} kB: {:?}", job.name, bench.tree());
@@ -69,14 +69,14 @@ fn fill_any(job: &Job) {
 }
 
 #[test]
-fn a_full_output_folder_is_named_and_not_changed() {
+fn errors_name_a_full_output_folder() {
     let bench = job("infer").bench();
     let folder = bench.path("disk");
     let Some(_disk) = SmallDisk::mount(&folder, 1024) else { return };
     bench.refuses("infer ball.exr --grid 8 -o disk", &["disk/brdf.binary: cannot write", "free disk space"]);
 }
 
-each_job!(a_disk_of_any_size: fill_any);
+each_job!(disks_of_any_size: fill_any);
 
 #[test]
 fn a_full_cache_does_not_change_the_result() {

@@ -138,4 +138,4 @@ fn killed_commands_leave_complete_or_no_outputs() {
     }
 }
 
-each_job!(at_fifty_moments: |job| kill(job, MANY));
+each_job!(killed_fifty_times: |job| kill(job, MANY));

@@ -17,4 +17,4 @@ fn results_do_not_depend_on_the_number_of_threads() {
     compare(job("infer"));
 }
 
-each_job!(on_one_two_and_seven_threads: compare);
+each_job!(one_two_and_seven_threads: compare);

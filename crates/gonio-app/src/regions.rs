@@ -125,8 +125,8 @@ impl Part {
 /// Infers the material of each region of a photograph, under one light.
 ///
 /// # Errors
-/// See [`infer`](crate::infer); the error also names the faulty region. Also if labels are invalid
-/// or the method is one of the paper's.
+/// See [`infer`](crate::infer). Also if labels are invalid, or the method is one of the paper's.
+/// Errors in a region name the region.
 pub fn infer_regions(
     model: (&Model, &str),
     scene: Scene,

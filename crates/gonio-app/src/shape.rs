@@ -149,7 +149,7 @@ impl Shape {
     /// under an orthographic camera.
     ///
     /// # Errors
-    /// See [`Self::object`]; also for other forms.
+    /// If [`Self::object`] fails, or the form is neither a mesh nor an orthographic sphere.
     pub fn surface(self, size: (usize, usize), warnings: &mut Vec<Warning>) -> Result<Option<Placed>, Problem> {
         match self.object("the picture", size, warnings)?.0 {
             Object::Surface(placed) => Ok(Some(placed)),

@@ -298,7 +298,8 @@ fn colours(
 /// Retrains the colour model of a model.
 ///
 /// # Errors
-/// If the model has no posterior of materials. See also [`posterior`].
+/// If the model has no posterior of materials, there are no lights or no materials, or one cannot
+/// be read.
 pub fn recolour(
     model: &mut Model,
     lights: &Lights,

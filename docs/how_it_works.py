@@ -2,9 +2,9 @@
 
     python docs/how_it_works.py GONIO DATA MERL WORK
 
-GONIO is the program, DATA the folder of captured lights and RGL materials that gonio-eval takes, MERL
-one of MERL tables, WORK a folder for what is made on the way. Needs numpy, matplotlib,
-Pillow and OpenEXR.
+GONIO is the program, DATA the folder of captured lights and RGL materials for gonio-eval, MERL a
+folder of MERL tables. WORK is a folder for intermediate files. Needs numpy, matplotlib, Pillow and
+OpenEXR.
 """
 
 import json
@@ -159,7 +159,8 @@ def rounded(value):
 
 
 def true_gloss(table):
-    """As the program defines it: the BRDF along the normal over its mean at half angles beyond 45 degrees and difference angles below."""
+    """The gloss as the program defines it: the BRDF along the normal over its mean at half angles
+    above 45 degrees and difference angles below."""
     return table[0, 0] / table[(HALF > 45) & (HALF < 80), :45].mean()
 
 
@@ -210,7 +211,7 @@ def disk_of_normals(photograph):
     figure, axes = page(1, 4, height=2.8)
     show(axes[0, 0], ball(bunny), "a photograph")
     show(axes[0, 1], np.where(inside[..., None], normals / 2 + 0.5, paper), "the normals of its shape\n(red right, green up)")
-    show(axes[0, 2], np.where(seen[..., None], tone(mean, white), paper), "brightness by normal:\nwhat is inferred from")
+    show(axes[0, 2], np.where(seen[..., None], tone(mean, white), paper), "brightness by normal:\nthe input of the inference")
     show(axes[0, 3], ball(photograph), "a ball of the same material\nin the same light")
     save(figure, "disk-of-normals.png")
     on_disk = np.hypot(*np.meshgrid(*[(np.arange(side) + 0.5) / side * 2 - 1] * 2)) < np.sin(np.radians(80))
@@ -303,7 +304,7 @@ def wrapped(lines, width):
 
 
 def failure(name, photograph, notes, folder, truth, table, comment):
-    """A photograph, what was found and what is true in another light, and what the program said of it."""
+    """A photograph, the estimate and the truth in another light, and the warnings of the program."""
     figure, axes = page(1, 4, height=2.5, width_ratios=[1, 1, 1, 1.8])
     show(axes[0, 0], ball(photograph), "photograph")
     show(axes[0, 1], ball(render(f"{folder}/brdf.binary", SHOP, "found.exr")), "found, in another light")
@@ -332,7 +333,7 @@ def failures():
     write_exr(WORK / "checked.exr", checked)
     gonio("convert", GREEN, "green.binary")
     notes = infer("checked.exr", "checked")
-    failure("failure-checkered.png", checked, notes, "checked", GREEN, luminance_table(WORK / "green.binary"), "Satin paint in two shades")
+    failure("failure-chequered.png", checked, notes, "checked", GREEN, luminance_table(WORK / "green.binary"), "Satin paint in two shades")
 
 
 def main():

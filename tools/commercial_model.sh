@@ -2,8 +2,8 @@
 # Builds a model from sources that all allow commercial use (docs/licences.md):
 #   tools/commercial_model.sh LIGHTS MATERIALS OUTPUT [OPTION of gonio train posterior ...]
 # LIGHTS: folder with the lights of tools/cc0_lights.txt, as NAME.hdr, NAME.exr or NAME.pfm. Others in
-# the same folder are not used. MATERIALS: folder of the MERL database. GONIO: the program to train
-# with; without it, one is built here.
+# the same folder are not used. MATERIALS: folder of the MERL database. GONIO: the program for
+# the training; by default the script builds it.
 set -euo pipefail
 
 fail() { echo "error: $1" >&2; exit 2; }

@@ -1,9 +1,15 @@
 """Spectra of red, green and blue for `crates/gonio-io/src/rgl/spectra.rs`.
 
-Three spectra on evenly spaced wavelengths, linear between, of which every colour c of the sRGB gamut is the mixture sum_k c_k S_k: none is
-negative, together they are one (white reflects all light alike), under D65 and the CIE 1931 observer each has the linear sRGB colour that
-it stands for, and of all such they are the smoothest (least sum of squared second differences). After Mallett and Yuksel 2019, "Spectral
-Primary Decomposition for Rendering with sRGB Reflectance", on fewer wavelengths.
+The three spectra S_k are linear between evenly spaced wavelengths. The mixture sum_k c_k S_k is the
+spectrum of a colour c of the sRGB gamut. The spectra satisfy four conditions:
+
+* no spectrum is negative;
+* their sum is one (white reflects all light alike);
+* under D65 and the CIE 1931 observer each has the linear sRGB colour that it represents;
+* among all such spectra they are the smoothest (least sum of squared second differences).
+
+The method is that of Mallett and Yuksel 2019, "Spectral Primary Decomposition for Rendering with
+sRGB Reflectance", on fewer wavelengths.
 
 Needs numpy, scipy, colour-science. Prints the rows of the table.
 """

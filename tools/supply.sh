@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
-# What gonio is built of: licences, duplicates, sources and known faults of the crates, by deny.toml;
-# known faults of the Node packages that the tests use. Databases of faults are on the network; where
-# one cannot be reached this says so and passes. ADVISORY_DB names a clone of RustSec's, if any.
+# Checks the dependencies: licences, duplicates, sources and known vulnerabilities of the crates
+# (deny.toml), and known vulnerabilities of the Node packages of the tests. The databases of
+# vulnerabilities are on the network. If one is unreachable, the script prints NOT CHECKED and passes.
+# ADVISORY_DB may name a local clone of the RustSec database.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
@@ -21,7 +22,7 @@ if [ -z "$deny" ]; then
 fi
 "$deny" --version
 
-# A licence whose name is deprecated (of rawler) is a warning on every run.
+# rawler states a deprecated licence name, which would give a warning on every run.
 "$deny" --locked --log-level error check --hide-inclusion-graph licenses bans sources
 if timeout 60 env GIT_TERMINAL_PROMPT=0 git ls-remote --exit-code "$database" HEAD >/dev/null 2>&1; then
     "$deny" --locked check --hide-inclusion-graph advisories
@@ -32,7 +33,7 @@ else
     echo "advisories NOT CHECKED: $database cannot be reached; give ADVISORY_DB=CLONE"
 fi
 
-# None of the Node packages is part of what is shipped.
+# The Node packages are not part of any release.
 git ls-files '*package-lock.json' | while read -r lock; do
     folder="$(dirname "$lock")"
     found=0

@@ -1,67 +1,111 @@
 #!/usr/bin/env python3
-"""Checks prose: at most 100 columns wide (comments of Rust files, paragraphs of Markdown files), and no
-link in Markdown files to a file or heading of the repository that is not there."""
+"""Checks the prose of the repository: wording, length of sentences, width of lines, links.
 
-import re
+Checks Markdown files, comments, docstrings and messages of the files under version control, and
+prints `file:line: reason: excerpt` for each finding. The rules are in tools/prosecheck/rules.py.
+"""
+
+import argparse
 import subprocess
 import sys
+from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
 
-WIDTH = 100
+from prosecheck import clike, markdown, scripts
+from prosecheck.passage import Passage
+from prosecheck.rules import Finding, findings
+
+MAX_COLUMNS = 100
+
+C_LIKE = {".rs", ".js", ".mjs", ".css"}
+PYTHON = {".py", ".pyi"}
+HASH = {".sh", ".sbatch", ".toml", ".yml"}
+HASH_NAMES = {"run", "Containerfile"}
 
 
-def prose(path, text):
-    """Lines of prose with their numbers: no code, tables, pictures, links alone or headings."""
-    code = False
-    for number, line in enumerate(text.splitlines(), 1):
-        stripped = line.strip()
-        if path.endswith(".rs"):
-            if stripped.startswith("//"):
+def passages(path: Path, text: str) -> Iterator[Passage]:
+    """The prose of a file; strings of tests are not messages."""
+    messages = "tests" not in path.parts and path.name != "tests.rs"
+    if path.suffix == ".md":
+        yield from markdown.file_passages(text)
+    elif path.suffix in C_LIKE:
+        yield from clike.file_passages(text, path.suffix, messages)
+    elif path.suffix in PYTHON:
+        yield from scripts.python_passages(text, messages)
+    elif path.suffix in HASH or path.name in HASH_NAMES:
+        yield from scripts.hash_passages(text)
+
+
+def wide_lines(path: Path, text: str) -> Iterator[Finding]:
+    """The lines of prose that are too wide; a single long word cannot be wrapped."""
+    for number, line in wrapped_lines(path, text):
+        if len(line) > MAX_COLUMNS and len(line.split()) > 3:
+            yield Finding(number, f"a line of {len(line)} columns", line.strip()[:60] + " ...")
+
+
+def wrapped_lines(path: Path, text: str) -> Iterator[tuple[int, str]]:
+    """The lines of a Markdown file, and the comments of a Rust file, that can be wrapped."""
+    if path.suffix == ".md":
+        yield from markdown.wrapped_lines(text)
+    elif path.suffix == ".rs":
+        for number, line in enumerate(text.splitlines(), 1):
+            if line.strip().startswith("//"):
                 yield number, line
-            continue
-        if stripped.startswith("```"):
-            code = not code
-        elif not code and not stripped.startswith(("|", "![", "#", "<")):
-            yield number, line
 
 
-def without_code(text):
-    """Text of a Markdown file without its blocks of code and its code in lines."""
-    return re.sub(r"`[^`\n]*`", "", re.sub(r"^```.*?^```", "", text, flags=re.M | re.S))
+def check(path: Path, wording: bool) -> list[Finding]:
+    """The findings of a file, in the order of its lines."""
+    text = path.read_text(encoding="utf-8")
+    found = list(wide_lines(path, text))
+    if wording:
+        found += [it for passage in passages(path, text) for it in findings(passage)]
+    if path.suffix == ".md":
+        for link, reason in markdown.broken_links(path, text):
+            line = text.count("\n", 0, text.find(f"]({link})")) + 1
+            found.append(Finding(line, reason, link))
+    return sorted(found, key=lambda it: it.line)
 
 
-def anchors(text):
-    """What links to the headings of a Markdown file are called."""
-    headings = re.findall(r"^#+ +(.*)$", re.sub(r"^```.*?^```", "", text, flags=re.M | re.S), flags=re.M)
-    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+def tracked_files(paths: list[str]) -> list[Path]:
+    """The files under version control, or those of them below the given paths."""
+    command = ["git", "ls-files", "-z", "--", *paths]
+    names = subprocess.run(command, check=True, capture_output=True, text=True).stdout
+    suffixes = {".md"} | C_LIKE | PYTHON | HASH
+    files = (Path(name) for name in names.split("\0") if name)
+    checked = (it for it in files if it.suffix in suffixes or it.name in HASH_NAMES)
+    return [it for it in checked if it.is_file()]
 
 
-def broken(path):
-    """Links of a Markdown file that lead nowhere."""
-    for link in re.findall(r"\]\(([^)\s]+)\)", without_code(Path(path).read_text(encoding="utf-8"))):
-        file, _, anchor = link.partition("#")
-        if re.match(r"[a-z]+:", link):
-            continue
-        target = Path(path).parent / file if file else Path(path)
-        if not target.exists():
-            yield f"{path}: {link}: there is no such file"
-        elif anchor and anchor not in anchors(target.read_text(encoding="utf-8")):
-            yield f"{path}: {link}: there is no such heading"
+def arguments() -> argparse.Namespace:
+    """The arguments of the command line."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("paths", nargs="*", help="files or folders (default: all)")
+    parser.add_argument(
+        "--rust", action="store_true", help="also check the wording of the sources in crates/"
+    )
+    parser.add_argument(
+        "--counts", action="store_true", help="print the number of findings per file only"
+    )
+    return parser.parse_args()
 
 
-def main():
-    files = subprocess.run(["git", "ls-files", "*.rs", "*.md"], check=True, capture_output=True, text=True).stdout
-    wide = []
-    for path in files.splitlines():
-        with open(path, encoding="utf-8") as file:
-            # A word that is too long, such as an address, cannot be wrapped.
-            lines = [(n, line) for n, line in prose(path, file.read()) if len(line) > WIDTH and len(line.split()) > 3]
-        wide += [f"{path}:{n}: {len(line)} columns" for n, line in lines]
-    links = [it for path in files.splitlines() if path.endswith(".md") for it in broken(path)]
-    for line in wide + links:
-        print(line)
-    if wide or links:
-        sys.exit(f"{len(wide)} lines of prose are wider than {WIDTH} columns, {len(links)} links are broken")
+def main() -> None:
+    """Prints the findings; the exit status is 1 if there are any."""
+    args = arguments()
+    counts: Counter[str] = Counter()
+    for path in tracked_files(args.paths):
+        wording = args.rust or path.suffix == ".md" or path.parts[0] != "crates"
+        for found in check(path, wording):
+            counts[str(path)] += 1
+            if not args.counts:
+                print(f"{path}:{found.line}: {found.reason}: {found.excerpt}")
+    if args.counts:
+        for name, count in counts.most_common():
+            print(f"{count:5} {name}")
+    if counts:
+        sys.exit(f"{counts.total()} findings in {len(counts)} files")
 
 
-main()
+if __name__ == "__main__":
+    main()

@@ -15,6 +15,7 @@ mod metrics;
 mod outside;
 mod paper;
 mod posteriors;
+mod prior;
 mod quadrature;
 mod scales;
 mod shapes;
@@ -61,6 +62,8 @@ enum Command {
     /// Measures what each camera effect costs the learnt posterior: test materials in test lights,
     /// one effect at a time.
     Camera(camera::Options),
+    /// Judges the prior of materials on materials that it was not built from.
+    Prior(prior::Options),
     /// Cross-validates the learnt posterior on training materials in training lights.
     Folds(folds::Options),
     /// Measures what several photographs of one material, and several materials under one light,
@@ -87,6 +90,7 @@ fn main() -> ExitCode {
         Command::Bench(options) => bench::bench(&data, &options),
         Command::Camera(options) => camera::run(&data, &options),
         Command::Folds(options) => folds::run(&data, &options),
+        Command::Prior(options) => prior::run(&data, &options),
         Command::Together(options) => together::run(&data, &options),
         Command::Scales(options) => scales::run(&data, &options),
         Command::Merge(options) => bench::merge(&options),

@@ -11,7 +11,7 @@ mod table;
 mod train;
 
 pub use basis::{BasisError, ReflectanceBasis, TrainingMaterial};
-pub use dictionary::{Coordinates, Dictionary, DictionarySettings, Kind, Mixture, Prior};
+pub use dictionary::{Coordinates, Dictionary, DictionarySettings, DrawnMaterial, Kind, MaterialField, Mixture, Prior};
 pub use distance::{brdf_error, brdf_scale, diffuse_level, log_distance, log_fit};
 pub use log_basis::LogBasis;
 pub use table::{

@@ -4,9 +4,11 @@
 //! materials with narrower or wider highlights, sums of two of them or of one and a diffuse
 //! reflector or a coat, and formulas of dielectrics, metals and cloth fill the space between and
 //! around them ([`Kind`]). Everything is a non-negative mixture of a few hundred *components*, so
-//! that a handful of numbers describes a material.
+//! that a handful of numbers describes a material, times a smooth random [`MaterialField`], since
+//! no real material is exactly such a mixture.
 
 mod components;
+mod field;
 mod prior;
 
 use rand::SeedableRng;
@@ -18,6 +20,7 @@ use super::log_basis::LogBasis;
 use super::table::{BivariateTable, CELLS, trusted_cells};
 use crate::linalg::principal_axes;
 use components::Layout;
+pub use field::MaterialField;
 pub use prior::{Kind, Prior};
 
 /// Floor of the logarithm in [`Coordinates`], relative to the median of a table.
@@ -25,6 +28,15 @@ const FLOOR: f64 = 1e-3;
 
 /// Weights, positive with sum one, of components of albedo one.
 pub type Mixture = Vec<(usize, f64)>;
+
+/// A material of the prior.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DrawnMaterial {
+    /// Components and their weights.
+    pub mixture: Mixture,
+    /// Factor of each cell of the mixture's table; `None` for one everywhere.
+    pub field: Option<MaterialField>,
+}
 
 /// Coordinates of the space of materials: principal axes of the logarithm of tables without their
 /// scale, over the trusted cells.
@@ -48,7 +60,7 @@ pub struct Dictionary {
     /// Albedo of each component before it was scaled to one.
     albedos: Vec<f64>,
     /// Entries: each measured material alone, then draws from the prior.
-    pub entries: Vec<Mixture>,
+    pub entries: Vec<DrawnMaterial>,
     /// Coordinates of the space of materials.
     pub coordinates: Coordinates,
     /// Coordinates of each entry.
@@ -70,7 +82,7 @@ pub struct DictionarySettings {
 
 impl Default for DictionarySettings {
     fn default() -> Self {
-        Self { draws: 1200, dimensions: 16, seed: 1, prior: Prior::default() }
+        Self { draws: 3000, dimensions: 32, seed: 1, prior: Prior::default() }
     }
 }
 
@@ -141,7 +153,7 @@ impl Dictionary {
     pub fn new(measured: LogBasis, settings: &DictionarySettings) -> Self {
         let mut dictionary = Self::components_of(measured);
         let mut rng = Pcg64::seed_from_u64(settings.seed);
-        let alone = (0..dictionary.measured.len()).map(|m| vec![(m, 1.0)]);
+        let alone = (0..dictionary.measured.len()).map(|m| DrawnMaterial { mixture: vec![(m, 1.0)], field: None });
         let entries = alone.chain((0..settings.draws).map(|_| dictionary.draw(&settings.prior, &mut rng))).collect();
         dictionary.entries = entries;
         let logs: Vec<Vec<f64>> = dictionary.entries.par_iter().map(|e| relative_log(&dictionary.table(e))).collect();
@@ -173,12 +185,15 @@ impl Dictionary {
         }
     }
 
-    /// Table of a mixture, of albedo one.
-    pub fn table(&self, mixture: &[(usize, f64)]) -> BivariateTable {
+    /// Returns the table of a material, of albedo one along the normal before its field.
+    pub fn table(&self, material: &DrawnMaterial) -> BivariateTable {
         let mut sum = vec![0.0_f32; CELLS];
-        for &(component, weight) in mixture {
+        for &(component, weight) in &material.mixture {
             let values = self.components[component].as_slice();
             sum.iter_mut().zip(values).for_each(|(sum, v)| *sum += weight as f32 * v);
+        }
+        if let Some(field) = &material.field {
+            sum.iter_mut().zip(field.logs()).for_each(|(v, log)| *v *= log.exp());
         }
         BivariateTable::from_vec(sum)
     }
@@ -217,9 +232,10 @@ mod tests {
         let dictionary = Dictionary::new(measured(), &DictionarySettings { draws: 60, ..Default::default() });
         assert_eq!(dictionary.entries.len(), 65);
         for (entry, place) in dictionary.entries.iter().zip(&dictionary.places) {
-            assert!((entry.iter().map(|(_, w)| w).sum::<f64>() - 1.0).abs() < 1e-12);
+            assert!((entry.mixture.iter().map(|(_, w)| w).sum::<f64>() - 1.0).abs() < 1e-12);
             let table = dictionary.table(entry);
-            assert!((table.normal_albedo() - 1.0).abs() < 1e-3);
+            let plain = dictionary.table(&DrawnMaterial { field: None, ..entry.clone() });
+            assert!((plain.normal_albedo() - 1.0).abs() < 1e-3);
             for (a, b) in dictionary.coordinates.of(&table).iter().zip(place) {
                 assert!((a - b).abs() < 1e-3, "{a} {b}");
             }
@@ -233,8 +249,10 @@ mod tests {
 
     #[test]
     fn places_are_those_of_their_tables() {
-        let dictionary =
-            Dictionary::new(measured(), &DictionarySettings { draws: 40, dimensions: 6, ..Default::default() });
+        // Six axes cannot express the fields.
+        let prior = Prior { fields: 0.0, ..Prior::default() };
+        let settings = DictionarySettings { draws: 40, dimensions: 6, prior, ..Default::default() };
+        let dictionary = Dictionary::new(measured(), &settings);
         let places = &dictionary.places[..8];
         let log_rms = |a: &BivariateTable, b: &BivariateTable| {
             let (a, b) = (relative_log(a), relative_log(b));

@@ -5,7 +5,7 @@ use rand_pcg::Pcg64;
 use serde::{Deserialize, Serialize};
 
 use super::components::{ALPHAS, DIFFUSE, LITTER, Layout, SHEENS, TAILS, WARPS};
-use super::{Dictionary, Mixture};
+use super::{Dictionary, DrawnMaterial, MaterialField, Mixture};
 
 /// Kinds of materials of the prior. A "material" below is a measured or a bred one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -29,11 +29,16 @@ pub enum Kind {
     Metal,
     /// A diffuse base with the sheen of cloth, and sometimes a lobe.
     Cloth,
+    /// A dark base with a lobe of metal flakes, 5 to 15 degrees wide, below a clear coat: car
+    /// paints.
+    Flakes,
+    /// One or two lobes of a dielectric on a base of an albedo below 2 %.
+    Dark,
 }
 
 impl Kind {
     /// All kinds, in the order of [`Prior::shares`].
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 11] = [
         Self::Measured,
         Self::Warped,
         Self::Bred,
@@ -43,6 +48,8 @@ impl Kind {
         Self::Dielectric,
         Self::Metal,
         Self::Cloth,
+        Self::Flakes,
+        Self::Dark,
     ];
 }
 
@@ -50,27 +57,31 @@ impl Kind {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Prior {
     /// Relative frequency of each kind, in the order of [`Kind::ALL`]: not negative, not all zero.
-    pub shares: [f64; 9],
+    pub shares: [f64; 11],
+    /// Share of the materials whose table is multiplied by a smooth random [`MaterialField`],
+    /// 0..=1.
+    pub fields: f64,
 }
 
 impl Default for Prior {
     /// Shares chosen by leaving out materials, lights and whole kinds. Few draws are unchanged
     /// measured materials, which an encoder would memorise (`docs/trials.md`).
     fn default() -> Self {
-        Self { shares: [0.1, 0.1, 0.25, 0.12, 0.1, 0.06, 0.13, 0.08, 0.06] }
+        let shares = [0.05, 0.07, 0.2, 0.12, 0.08, 0.08, 0.1, 0.07, 0.05, 0.12, 0.06];
+        Self { shares, fields: 0.85 }
     }
 }
 
 impl Prior {
     /// Prior of these kinds alone, in the proportions of the default.
     pub fn of(kinds: &[Kind]) -> Self {
-        let mut shares = Self::default().shares;
-        for (share, kind) in shares.iter_mut().zip(Kind::ALL) {
+        let mut prior = Self::default();
+        for (share, kind) in prior.shares.iter_mut().zip(Kind::ALL) {
             if !kinds.contains(&kind) {
                 *share = 0.0;
             }
         }
-        Self { shares }
+        prior
     }
 
     fn kind(&self, rng: &mut Pcg64) -> Kind {
@@ -89,12 +100,14 @@ impl Prior {
 
 impl Dictionary {
     /// Draws a material from the prior.
-    pub fn draw(&self, prior: &Prior, rng: &mut Pcg64) -> Mixture {
+    pub fn draw(&self, prior: &Prior, rng: &mut Pcg64) -> DrawnMaterial {
         let kind = prior.kind(rng);
         let mut draw = Draw { layout: self.layout(), albedos: &self.albedos, rng };
         let mixture = draw.of(kind);
         let total: f64 = mixture.iter().map(|(_, w)| w).sum();
-        mixture.into_iter().filter(|(_, w)| *w > 0.0).map(|(c, w)| (c, w / total)).collect()
+        let mixture = mixture.into_iter().filter(|(_, w)| *w > 0.0).map(|(c, w)| (c, w / total)).collect();
+        let field = (rng.random_range(0.0..1.0) < prior.fields).then(|| MaterialField::draw(rng));
+        DrawnMaterial { mixture, field }
     }
 }
 
@@ -141,6 +154,20 @@ impl Draw<'_> {
                 if share < 0.3 {
                     self.lobes((0.02, 0.08), (7.0, (ALPHAS.len() - 1) as f64), &mut parts);
                 }
+            }
+            Kind::Flakes => {
+                let albedo = self.log_between(3e-4, 0.2);
+                self.diffuse(albedo, &mut parts);
+                let (f0, width, weight) =
+                    (self.between(0.1, 0.9), self.between(5.5, 11.0), self.log_between(0.02, 0.6));
+                let tail = self.rng.random_range(0..TAILS.len());
+                self.lobe(f0, width, tail, weight, &mut parts);
+                self.lobes((0.03, 0.06), (0.0, 5.0), &mut parts);
+            }
+            Kind::Dark => {
+                let albedo = self.log_between(5e-4, 0.02);
+                self.diffuse(albedo, &mut parts);
+                self.lobes((0.02, 0.08), (0.0, (ALPHAS.len() - 1) as f64), &mut parts);
             }
         }
         parts
@@ -237,7 +264,7 @@ mod tests {
         let dictionary = dictionary();
         let layout = dictionary.layout();
         let mut rng = Pcg64::seed_from_u64(3);
-        let mut counts = [0; 9];
+        let mut counts = [0; 11];
         for _ in 0..4000 {
             let kind = Prior::default().kind(&mut rng);
             counts[Kind::ALL.iter().position(|k| *k == kind).unwrap()] += 1;
@@ -249,7 +276,7 @@ mod tests {
         let sheen = |c: usize| (layout.sheen(0)..layout.sheen(SHEENS.len())).contains(&c);
         for (at, kind) in Kind::ALL.into_iter().enumerate() {
             for _ in 0..200 {
-                let mixture = dictionary.draw(&Prior::of(&[kind]), &mut rng);
+                let DrawnMaterial { mixture, .. } = dictionary.draw(&Prior::of(&[kind]), &mut rng);
                 let sum: f64 = mixture.iter().map(|(_, w)| w).sum();
                 assert!((sum - 1.0).abs() < 1e-12 && mixture.iter().all(|m| m.0 < layout.count()));
                 assert_eq!(mixture.iter().any(|m| made_of_measured(m.0)), at < 6, "{kind:?}");
@@ -272,7 +299,8 @@ mod tests {
         let mut parts = Vec::new();
         draw.lobe(0.3, 8.0, 1, 1.0, &mut parts);
         let want = Ggx { diffuse: 0.0, f0: 0.3, alpha: ALPHAS[8] }.to_bivariate();
-        for (a, b) in dictionary.table(&parts).as_slice().iter().zip(want.as_slice()) {
+        let drawn = DrawnMaterial { mixture: parts, field: None };
+        for (a, b) in dictionary.table(&drawn).as_slice().iter().zip(want.as_slice()) {
             assert!((a - b).abs() <= 1e-4 * b.abs() + 1e-7, "{a} {b}");
         }
     }

@@ -3,7 +3,9 @@
 //! Measurements are folders of files or data in memory. Each function returns the trained part and
 //! a note on its origin, which is stored in the file.
 
+use std::cell::Cell;
 use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
 
 use gonio::colour::ColourModel;
 use gonio::inference::learnt::LearntPosterior;
@@ -15,11 +17,13 @@ use gonio::reflectance::{
 };
 use gonio::simulation::{ColourStock, Stock, StockSettings};
 use gonio::sphere::OctahedralMap;
-use gonio_train::{TrainError, TrainingSettings, learn};
+pub use gonio_train::TrainingLosses;
+use gonio_train::{Checkpoint, Monitor, TrainError, TrainingSettings, learn};
 use rayon::prelude::*;
 use thiserror::Error;
 
 use gonio_io::folder::files;
+use gonio_io::model::{decode_arrays, encode_arrays};
 use gonio_io::picture::ReadOptions;
 use gonio_io::{Error, bivariate, brdf};
 
@@ -146,12 +150,15 @@ impl Default for ReflectanceSettings {
 pub struct PosteriorSettings {
     /// Channel of the measured BRDFs.
     pub channel: Channel,
-    /// Number of cameras in each light.
-    pub cameras: usize,
-    /// Number of materials for each camera.
+    /// Number of views of lights in each group of simulated scenes.
+    pub views: usize,
+    /// Number of materials in each group.
     pub draws: usize,
     /// Number of training steps, each on 128 simulated photographs.
     pub steps: usize,
+    /// Every how many lights one is left out of the training and tested with; `None` leaves none
+    /// out.
+    pub leave_out: Option<usize>,
     /// Seed of all random numbers.
     pub seed: u64,
 }
@@ -159,7 +166,8 @@ pub struct PosteriorSettings {
 impl Default for PosteriorSettings {
     fn default() -> Self {
         let (stock, training) = (StockSettings::default(), TrainingSettings::default());
-        Self { channel: Channel::Luminance, cameras: stock.cameras, draws: stock.draws, steps: training.steps, seed: 1 }
+        let (views, draws, steps) = (stock.views, stock.draws, training.steps);
+        Self { channel: Channel::Luminance, views, draws, steps, leave_out: None, seed: 1 }
     }
 }
 
@@ -229,44 +237,92 @@ pub fn reflectance(
     Ok((basis, report, provenance))
 }
 
+/// Unfinished training of a posterior: what to continue from, and what to do with a checkpoint.
+pub struct Resumption<'a> {
+    /// Checkpoint to continue from: the file's bytes, and its path for messages.
+    pub start: Option<(&'a Path, Vec<u8>)>,
+    /// Called every few minutes with the bytes of a checkpoint.
+    pub keep: &'a dyn Fn(Vec<u8>),
+}
+
+/// Interval between checkpoints.
+const CHECKPOINT_INTERVAL: Duration = Duration::from_secs(300);
+
+/// Rows to which larger light maps are reduced: finer than any cell of the disk of normals.
+const LIGHT_ROWS: usize = 512;
+
 /// Trains the posterior of materials on lights and materials.
 ///
 /// # Errors
-/// If there are no lights or no materials, or one cannot be read.
+/// If there are no lights or no materials, one cannot be read, or the checkpoint is damaged or from
+/// other settings.
 pub fn posterior(
     lights: &Lights,
-    materials: &Materials,
+    materials: &[Materials],
     settings: &PosteriorSettings,
+    resumption: Resumption<'_>,
     progress: Progress<'_>,
-) -> Result<(LearntPosterior, String), TrainingError> {
-    let PosteriorSettings { channel, cameras, draws, steps, seed } = *settings;
-    if cameras == 0 || draws == 0 || steps == 0 {
-        return Err(TrainingError::Setting("cameras, draws and steps must be at least 1".into()));
+) -> Result<(LearntPosterior, TrainingLosses, String), TrainingError> {
+    let PosteriorSettings { channel, views, draws, steps, leave_out, seed } = *settings;
+    if views == 0 || draws == 0 || steps == 0 {
+        return Err(TrainingError::Setting("views, draws and steps must be at least 1".into()));
     }
-    lights.count()?;
-    let tables = materials.channel(channel, progress)?;
+    if leave_out.is_some_and(|every| every < 2) {
+        return Err(TrainingError::Setting("leave-out must be at least 2".into()));
+    }
+    let mut tables = Vec::new();
+    for some in materials {
+        tables.extend(some.channel(channel, progress)?);
+    }
     if tables.is_empty() {
-        return Err(TrainingError::Data(materials.name(), "contains no materials".into()));
+        let names: Vec<String> = materials.iter().map(Materials::name).collect();
+        return Err(TrainingError::Data(names.join(", "), "contains no materials".into()));
     }
+    let (mut maps, mut tested) = (Vec::new(), Vec::new());
+    lights.each(&mut |share, light| {
+        let index = maps.len() + tested.len();
+        let out = leave_out.is_some_and(|every| index % every == every - 1);
+        let map = light.reduced(LIGHT_ROWS);
+        if out { &mut tested } else { &mut maps }.push(map);
+        progress("reading lights", share);
+    })?;
     progress("learning materials", 0.0);
     let basis = LogBasis::fit(&tables, LogBasis::RANK);
     let dictionary = Dictionary::new(basis, &DictionarySettings { seed, ..DictionarySettings::default() });
-    let mut stock = Stock::new(dictionary, StockSettings { cameras, draws, seed, ..StockSettings::default() });
-    let count = lights.each(&mut |share, light| {
-        stock.add_light(light);
-        progress("simulating scenes", share);
-    })?;
+    let stock_settings = StockSettings { views, draws, seed, ..StockSettings::default() };
+    let count = maps.len();
+    let left_out = (!tested.is_empty()).then(|| Stock::new(dictionary.clone(), tested, stock_settings));
+    let mut stock = Stock::new(dictionary, maps, stock_settings);
     let training = TrainingSettings { steps, seed, ..TrainingSettings::default() };
-    let mut learnt = learn(&stock, &training, &|share, _| progress("learning the posterior", share))?;
-    learnt.colours = Some(colours(&learnt, lights, std::slice::from_ref(materials), progress)?.0);
+    let note = format!("{} materials, {count} lights, {stock_settings:?}, {training:?}", tables.len());
+    let start = match &resumption.start {
+        Some((path, bytes)) => {
+            let (made_with, checkpoint) = decode_checkpoint(path, bytes)?;
+            if made_with != note {
+                return Err(TrainError::Checkpoint.into());
+            }
+            Some(checkpoint)
+        }
+        None => None,
+    };
+    let last = Cell::new(Instant::now());
+    let keep = |checkpoint: &dyn Fn() -> Checkpoint| {
+        if last.get().elapsed() >= CHECKPOINT_INTERVAL {
+            (resumption.keep)(encode_checkpoint(&checkpoint(), &note));
+            last.set(Instant::now());
+        }
+    };
+    let monitor = Monitor { progress: &|share, _| progress("learning the posterior", share), keep: &keep };
+    let (mut learnt, losses) = learn(&mut stock, left_out, &training, start, &monitor)?;
+    drop(stock);
+    learnt.colours = Some(colours(&learnt, lights, materials, progress)?.0);
     let provenance = format!(
-        "posterior of materials by gonio {} from the {channel:?} channel of {} materials in {count} maps, {} scenes, {} photographs, seed {seed}",
+        "posterior of materials by gonio {} from the {channel:?} channel of {} materials in {count} maps, {} photographs, seed {seed}",
         env!("CARGO_PKG_VERSION"),
         tables.len(),
-        stock.scenes(),
         training.steps * training.batch,
     );
-    Ok((learnt, provenance))
+    Ok((learnt, losses, provenance))
 }
 
 /// Trains the colour model on a simulated photograph of each material in each light, evaluated with
@@ -319,6 +375,23 @@ pub fn recolour(
         format!("{}; {COLOURS} {} from {count} materials in {maps} maps", others.join("; "), env!("CARGO_PKG_VERSION"));
     model.check()?;
     Ok(())
+}
+
+/// Encodes a checkpoint with a note on the settings of its training.
+fn encode_checkpoint(checkpoint: &Checkpoint, note: &str) -> Vec<u8> {
+    let Checkpoint { step, values, moments: [mean, square, average], others, losses } = checkpoint;
+    debug_assert_eq!(*step, losses.len());
+    encode_arrays(note, &[values, mean, square, average, others, losses].map(Vec::as_slice))
+}
+
+/// Decodes a checkpoint and the note on its settings.
+fn decode_checkpoint(path: &Path, bytes: &[u8]) -> Result<(String, Checkpoint), TrainingError> {
+    let (note, arrays) = decode_arrays(path, bytes)?;
+    let Ok([values, mean, square, average, others, losses]) = <[Vec<f32>; 6]>::try_from(arrays) else {
+        return Err(TrainingError::Data(path.display().to_string(), "is not a checkpoint of a training".into()));
+    };
+    let checkpoint = Checkpoint { step: losses.len(), values, moments: [mean, square, average], others, losses };
+    Ok((note, checkpoint))
 }
 
 /// Start of the note on the origin of the colour model.

@@ -1,12 +1,14 @@
 //! `gonio train` trains the priors of light and reflectance on measured data.
 
+use std::cell::RefCell;
 use std::path::{Path, PathBuf};
 
-use anyhow::Result;
+use anyhow::{Context as _, Result};
 use gonio::reflectance::nmf::NmfSettings;
 use gonio::sphere::OctahedralMap;
 use gonio_app::training::{
-    self, LightingSettings, Lights, Materials, PosteriorSettings, ReflectanceSettings, TrainingError,
+    self, LightingSettings, Lights, Materials, PosteriorSettings, ReflectanceSettings, Resumption, TrainingError,
+    TrainingLosses,
 };
 use gonio_io::atomic::write_file;
 use gonio_io::model::{
@@ -121,27 +123,36 @@ pub(crate) struct Posterior {
     /// Folder of lat-long light maps (.hdr, .exr, .pfm)
     #[arg(long, value_name = "DIR")]
     lights: PathBuf,
-    /// Folder of measured BRDFs
+    /// Folders of measured BRDFs
     ///
-    /// The folder contains .binary (MERL) and _rgb.bsdf (RGL) files, or bivariate_rgb_f32.npy and
+    /// A folder contains .binary (MERL) and _rgb.bsdf (RGL) files, or bivariate_rgb_f32.npy and
     /// materials.txt.
-    #[arg(long, value_name = "DIR")]
-    materials: PathBuf,
+    #[arg(long, value_name = "DIR", required = true, num_args = 1..)]
+    materials: Vec<PathBuf>,
     /// File to write
     #[arg(short, long)]
     output: PathBuf,
     /// Channel of the measured BRDFs to use
     #[arg(long, value_enum, default_value_t = Channel::Luminance)]
     channel: Channel,
-    /// Number of cameras in each light
-    #[arg(long, default_value_t = PosteriorSettings::default().cameras)]
-    cameras: usize,
-    /// Number of materials for each camera
+    /// Number of views of lights in each group of simulated scenes
+    #[arg(long, default_value_t = PosteriorSettings::default().views)]
+    views: usize,
+    /// Number of materials in each group of simulated scenes
     #[arg(long, default_value_t = PosteriorSettings::default().draws)]
     draws: usize,
     /// Number of training steps, each on 128 simulated photographs
     #[arg(long, default_value_t = PosteriorSettings::default().steps)]
     steps: usize,
+    /// Leave every N-th light out of the training and report the loss on these lights
+    #[arg(long, value_name = "N")]
+    leave_out: Option<usize>,
+    /// Continue an interrupted training with the same settings
+    ///
+    /// Every five minutes, a training writes its state to OUTPUT.checkpoint, which it removes when
+    /// it is finished. A resumed training gives the same result as an uninterrupted one.
+    #[arg(long)]
+    resume: bool,
     /// Seed of all random numbers
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -248,15 +259,40 @@ fn reflectance(options: &Reflectance) -> Result<Outcome> {
 fn posterior(options: &Posterior) -> Result<Outcome> {
     let settings = PosteriorSettings {
         channel: options.channel.of(),
-        cameras: options.cameras,
+        views: options.views,
         draws: options.draws,
         steps: options.steps,
+        leave_out: options.leave_out,
         seed: options.seed,
     };
-    let (lights, materials) = (Lights::Folder(options.lights.clone()), Materials::Folder(options.materials.clone()));
-    let (learnt, provenance) = learn(|progress| training::posterior(&lights, &materials, &settings, progress))?;
+    let lights = Lights::Folder(options.lights.clone());
+    let materials: Vec<Materials> = options.materials.iter().cloned().map(Materials::Folder).collect();
+    let mut name = options.output.clone().into_os_string();
+    name.push(".checkpoint");
+    let path = PathBuf::from(name);
+    let start = match options.resume {
+        true => Some((path.as_path(), std::fs::read(&path).with_context(|| path.display().to_string())?)),
+        false => None,
+    };
+    // A full disk must not end a training of hours; the next checkpoint may succeed.
+    let unwritten = RefCell::new(None);
+    let keep = |bytes: Vec<u8>| unwritten.replace(write_file(&path, &bytes).err());
+    let resumption = Resumption { start, keep: &|bytes| drop(keep(bytes)) };
+    let (learnt, losses, provenance) =
+        learn(|progress| training::posterior(&lights, &materials, &settings, resumption, progress))?;
     write_file(&options.output, &encode_posterior(&learnt, &provenance))?;
-    Ok(written(&options.output, &provenance))
+    let _ = std::fs::remove_file(&path);
+    let mut outcome = written(&options.output, &provenance);
+    let TrainingLosses { training, new_scenes, new_lights } = losses;
+    let on_lights = new_lights.map_or_else(String::new, |loss| format!(", {loss:.2} in lights left out"));
+    let failed = unwritten.into_inner().map_or_else(String::new, |error| format!("last checkpoint: {error}\n"));
+    outcome.text = format!(
+        "{failed}loss in nats: {training:.2} in training, {new_scenes:.2} on new scenes{on_lights}\n{}",
+        outcome.text
+    );
+    let fields = json!({ "training": training, "new_scenes": new_scenes, "new_lights": new_lights });
+    outcome.fields.insert("loss_nats".into(), fields);
+    Ok(outcome)
 }
 
 fn recolour(options: &Recolour) -> Result<Outcome> {

@@ -14,7 +14,7 @@ use gonio::shape::SurfacePoint;
 use gonio::simulation::{Stock, StockSettings};
 use gonio_io::cache::Cache;
 use gonio_io::model::{decode_posterior, encode_posterior};
-use gonio_train::TrainingSettings;
+use gonio_train::{Monitor, TrainingSettings};
 use serde::{Deserialize, Serialize};
 
 use crate::bases::key;
@@ -23,7 +23,7 @@ use crate::data::Lights;
 
 /// Version of simulation and training, part of every cache key: raise it whenever either gives
 /// other results for the same input.
-const VERSION: u32 = 8;
+const VERSION: u32 = 9;
 
 /// Number of normals on the visible hemisphere at which photographs for the posterior alone are
 /// rendered: that of the smallest balls that it is learnt from, of some 40 pixels of radius.
@@ -43,10 +43,10 @@ pub(crate) struct Learning {
 /// Effort of learning a posterior.
 #[derive(clap::Args)]
 pub(crate) struct Effort {
-    /// Cameras in each training light, for the photographs that the posterior is learnt from
-    #[arg(long, default_value_t = StockSettings::default().cameras, value_parser = some())]
-    cameras: usize,
-    /// Materials that each of those cameras photographs
+    /// Views of the training lights in each group of scenes that the posterior is learnt from
+    #[arg(long, default_value_t = StockSettings::default().views, value_parser = some())]
+    views: usize,
+    /// Materials in each group of scenes
     #[arg(long, default_value_t = StockSettings::default().draws, value_parser = some())]
     draws: usize,
     /// Steps of the training, each on 128 photographs
@@ -63,7 +63,7 @@ impl Effort {
     pub(crate) fn learning(&self) -> Learning {
         Learning {
             dictionary: DictionarySettings::default(),
-            stock: StockSettings { cameras: self.cameras, draws: self.draws, ..StockSettings::default() },
+            stock: StockSettings { views: self.views, draws: self.draws, ..StockSettings::default() },
             training: TrainingSettings { steps: self.steps, ..TrainingSettings::default() },
         }
     }
@@ -99,16 +99,11 @@ fn train(
     learning: &Learning,
 ) -> Result<LearntPosterior> {
     let dictionary = Dictionary::new(LogBasis::fit(materials, LogBasis::RANK), &learning.dictionary);
-    let mut stock = Stock::new(dictionary, learning.stock);
-    let progress = Progress::new("simulating", names.len());
-    for name in names {
-        stock.add_light(&lights.map(name.as_ref())?);
-        progress.step();
-    }
-    progress.finish();
-    eprintln!("learning the posterior from photographs of {} scenes", stock.scenes());
+    let maps = names.iter().map(|name| lights.map(name.as_ref())).collect::<Result<_>>()?;
+    let mut stock = Stock::new(dictionary, maps, learning.stock);
     let progress = Progress::new("steps", learning.training.steps);
-    let learnt = gonio_train::learn(&stock, &learning.training, &|_, _| progress.step())?;
+    let step = |_: f64, _: f64| progress.step();
+    let (learnt, _) = gonio_train::learn(&mut stock, None, &learning.training, None, &Monitor::new(&step))?;
     progress.finish();
     Ok(learnt)
 }

@@ -7,7 +7,9 @@ use gonio::lighting::EnvironmentMap;
 use gonio::reflectance::BivariateTable;
 use gonio::sphere::OctahedralMap;
 use gonio_app::Problem;
-use gonio_app::training::{self, Channel, LightingSettings, Lights, Materials, PosteriorSettings, ReflectanceSettings};
+use gonio_app::training::{
+    self, Channel, LightingSettings, Lights, Materials, PosteriorSettings, ReflectanceSettings, Resumption,
+};
 use gonio_io::model::{
     decode_lighting, decode_posterior, decode_reflectance, encode_lighting, encode_posterior, encode_reflectance,
 };
@@ -158,7 +160,7 @@ pub(crate) fn train_reflectance(
 #[pyo3(from_item_all)]
 pub(crate) struct PosteriorOptions {
     channel: String,
-    cameras: Option<usize>,
+    views: Option<usize>,
     draws: Option<usize>,
     steps: Option<usize>,
     seed: u64,
@@ -178,13 +180,16 @@ pub(crate) fn train_posterior(
         let default = PosteriorSettings::default();
         let settings = PosteriorSettings {
             channel: channel(&options.channel)?,
-            cameras: options.cameras.unwrap_or(default.cameras),
+            views: options.views.unwrap_or(default.views),
             draws: options.draws.unwrap_or(default.draws),
             steps: options.steps.unwrap_or(default.steps),
             seed: options.seed,
+            ..default
         };
-        let (learnt, provenance) =
-            training::posterior(&lights, &materials, &settings, &|stage, x| reporter.at(stage, x))?;
+        let resumption = Resumption { start: None, keep: &|_| () };
+        let materials = std::slice::from_ref(&materials);
+        let (learnt, _, provenance) =
+            training::posterior(&lights, materials, &settings, resumption, &|stage, x| reporter.at(stage, x))?;
         Ok((encode_posterior(&learnt, &provenance), provenance))
     })?;
     Ok((PyBytes::new(py, &bytes).unbind(), provenance))

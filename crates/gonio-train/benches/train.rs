@@ -7,7 +7,7 @@ use gonio::lighting::studio_light;
 use gonio::reflectance::parametric::{Ggx, Parametric};
 use gonio::reflectance::{BivariateTable, Dictionary, DictionarySettings, LogBasis};
 use gonio::simulation::{LightPyramid, SceneRenderer, Stock, StockSettings};
-use gonio_train::{Photographs, Samples, TrainingSettings, train};
+use gonio_train::{Monitor, Photographs, Samples, TrainingSettings, train};
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use rayon::prelude::*;
@@ -25,20 +25,20 @@ fn main() {
         let basis = LogBasis::fit(&measured, LogBasis::RANK);
         Dictionary::new(basis, &DictionarySettings::default())
     });
-    let settings = StockSettings { cameras: 1, ..StockSettings::default() };
+    let settings = StockSettings { groups: 1, views: 4, ..StockSettings::default() };
     let mut rng = Pcg64::seed_from_u64(1);
     let drawn: Vec<_> = (0..settings.draws).map(|_| dictionary.draw(&settings.prior, &mut rng)).collect();
     let tables: Vec<BivariateTable> =
-        timed("tables of 160 materials", || drawn.par_iter().map(|m| dictionary.table(m)).collect());
-    timed("coordinates of 160 materials", || {
+        timed("tables of 120 materials", || drawn.par_iter().map(|m| dictionary.table(m)).collect());
+    timed("coordinates of 120 materials", || {
         tables.par_iter().map(|t| dictionary.coordinates.of(t)).collect::<Vec<_>>()
     });
     let light = timed("one light", || LightPyramid::new(|d| f64::from(gonio::picture::luminance(map.at(d)))));
     let renderer = SceneRenderer::new();
-    timed("scenes of 160 materials", || renderer.render(&tables, &light));
-    let mut stock = Stock::new(dictionary, settings);
-    timed("all of one camera", || stock.add_light(&map));
-    let samples = Photographs(&stock);
+    timed("scenes of 120 materials", || renderer.render(&tables, &light));
+    let mut stock = Stock::new(dictionary, vec![map], settings);
+    timed("one group of four views", || stock.hold(0));
+    let mut samples = Photographs(&mut stock);
     timed("512 photographs", || {
         (0..PHOTOGRAPHS).into_par_iter().for_each(|number| {
             let side = samples.side();
@@ -48,9 +48,10 @@ fn main() {
             samples.draw(number, &mut image, &mut globals, &mut target);
         });
     });
-    timed("512 places", || (0..PHOTOGRAPHS).into_par_iter().map(|number| stock.place(number)).collect::<Vec<_>>());
     let training = TrainingSettings { steps: STEPS, ..TrainingSettings::default() };
-    timed("8 steps of 128 photographs", || train(&samples, &training, &|_, _| ()).expect("finite losses"));
+    timed("8 steps of 128 photographs", || {
+        train(&mut samples, &training, None, &Monitor::new(&|_, _| ())).expect("finite losses")
+    });
 }
 
 fn timed<T>(name: &str, work: impl FnOnce() -> T) -> T {

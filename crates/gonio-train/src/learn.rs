@@ -6,7 +6,7 @@ use gonio::reflectance::BivariateTable;
 use gonio::simulation::Stock;
 use rayon::prelude::*;
 
-use crate::{Photographs, TrainError, Trained, TrainingSettings, train};
+use crate::{Checkpoint, Monitor, Photographs, TrainError, Trained, TrainingSettings, train};
 
 /// Number of photographs that the ranges of features are taken from, at most as many as the
 /// training saw.
@@ -19,27 +19,51 @@ const FIRST: u64 = 1 << 40;
 /// photographs, but would leave only a handful to the most certain posteriors (`docs/trials.md`).
 const CANDIDATES: u64 = 8192;
 
-/// Learns the posterior from photographs of a stock. `progress` is called with the share done, in
-/// 0..=1, and the loss in nats.
+/// Number of photographs that a loss is the mean of.
+const TESTED: usize = 1024;
+
+/// Losses of the trained encoder in nats: minus the logarithm of how much likelier an image is
+/// under its own material than under any.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TrainingLosses {
+    /// Mean over the photographs of the last steps of the training.
+    pub training: f64,
+    /// Mean over photographs of new scenes in the same lights.
+    pub new_scenes: f64,
+    /// Mean over photographs in lights left out of the training, if there are any. The difference
+    /// to `new_scenes` is what the encoder knows of its training lights alone.
+    pub new_lights: Option<f64>,
+}
+
+/// Learns the posterior from photographs of a stock. `left_out` is a stock of lights that are only
+/// tested with. Continues from `start`, if there is one.
 ///
 /// # Errors
-/// If a setting is out of range or the training diverges.
-///
-/// # Panics
-/// If the stock has no scenes.
+/// If a setting is out of range, the training diverges, or `start` is from other settings.
 pub fn learn(
-    stock: &Stock,
+    stock: &mut Stock,
+    left_out: Option<Stock>,
     settings: &TrainingSettings,
-    progress: &(dyn Fn(f64, f64) + Sync),
-) -> Result<LearntPosterior, TrainError> {
-    let trained = train(&Photographs(stock), settings, progress)?;
-    Ok(posterior(stock, trained, RANGED.min(settings.steps * settings.batch)))
+    start: Option<Checkpoint>,
+    monitor: &Monitor<'_>,
+) -> Result<(LearntPosterior, TrainingLosses), TrainError> {
+    let (trained, losses) = train(&mut Photographs(stock), settings, start, monitor)?;
+    let recent = TESTED.div_ceil(settings.batch).min(settings.steps.div_ceil(10));
+    let last = &losses[losses.len().saturating_sub(recent)..];
+    let training = last.iter().map(|l| f64::from(*l)).sum::<f64>() / last.len().max(1) as f64;
+    let test = |stock: &mut Stock| {
+        stock.hold(Photographs::unused(settings.steps));
+        trained.loss(&Photographs(stock), FIRST, TESTED.min(settings.steps * settings.batch))
+    };
+    let new_lights = left_out.map(|mut stock| test(&mut stock));
+    let losses = TrainingLosses { training, new_scenes: test(stock), new_lights };
+    Ok((posterior(stock, &trained, RANGED.min(settings.steps * settings.batch)), losses))
 }
 
 /// Builds the posterior from the trained encoder and what goes with it: the measured materials,
 /// draws from the prior, the usual ranges of features over `ranged` photographs, and the widths of
 /// the prior's intervals.
-fn posterior(stock: &Stock, trained: Trained, ranged: usize) -> LearntPosterior {
+fn posterior(stock: &Stock, trained: &Trained, ranged: usize) -> LearntPosterior {
     let dictionary = stock.dictionary();
     let features: Vec<Vec<f32>> = (FIRST..FIRST + ranged as u64)
         .into_par_iter()
@@ -69,7 +93,7 @@ fn posterior(stock: &Stock, trained: Trained, ranged: usize) -> LearntPosterior 
         coordinates: dictionary.coordinates.clone(),
         widths: interval_widths(&tables),
         ranges: (0..features[0].len()).map(range).collect(),
-        encoder: trained.encoder,
+        encoder: trained.encoder.clone(),
         colours: None,
     }
 }

@@ -8,6 +8,7 @@
 
 #![deny(clippy::print_stdout, clippy::print_stderr)]
 
+mod checkpoint;
 mod dense;
 mod learn;
 mod loss;
@@ -19,13 +20,17 @@ mod photographs;
 mod tests;
 mod train;
 
-pub use learn::learn;
+pub use checkpoint::Checkpoint;
+pub use learn::{TrainingLosses, learn};
 pub use photographs::Photographs;
-pub use train::{PART, TrainError, Trained, TrainingSettings, train};
+pub use train::{Monitor, PART, TrainError, Trained, TrainingSettings, train};
 
-/// An endless stream of images with the targets to be read from them. An index always gives the
-/// same sample.
+/// An endless stream of images with the targets to be read from them. In a step of the training, an
+/// index always gives the same sample.
 pub trait Samples: Sync {
+    /// Prepares the samples of a step; called before each step.
+    fn advance(&mut self, _step: usize) {}
+
     /// Cells along a side of the images.
     fn side(&self) -> usize;
     /// Channels of the images.

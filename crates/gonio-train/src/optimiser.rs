@@ -29,6 +29,16 @@ impl Optimiser {
         Self { mean: zeros.clone(), square: zeros, average: values.to_vec(), steps: 0 }
     }
 
+    /// Restores the optimiser after some steps from what [`Self::moments`] returned.
+    pub(crate) fn resume([mean, square, average]: [Vec<f32>; 3], steps: usize) -> Self {
+        Self { mean, square, average, steps: steps as i32 }
+    }
+
+    /// Moving averages of the gradient, of its square, and of the values.
+    pub(crate) fn moments(&self) -> [Vec<f32>; 3] {
+        [&self.mean, &self.square, &self.average].map(Clone::clone)
+    }
+
     /// The moving average of the values over the steps so far.
     pub(crate) fn average(&self) -> &[f32] {
         &self.average

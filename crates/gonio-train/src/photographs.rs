@@ -5,10 +5,25 @@ use gonio::simulation::Stock;
 
 use crate::Samples;
 
+/// Number of steps after which one group of the stock is replaced.
+const STEPS_PER_GROUP: usize = 60;
+
 /// Photographs of a stock; the targets are the coordinates of their materials in its dictionary.
-pub struct Photographs<'a>(pub &'a Stock);
+pub struct Photographs<'a>(pub &'a mut Stock);
+
+impl Photographs<'_> {
+    /// Returns the number of a group that a training of this many steps does not use.
+    pub(crate) fn unused(steps: usize) -> u64 {
+        // The last window starts at `steps / STEPS_PER_GROUP` and is far shorter than this.
+        (steps / STEPS_PER_GROUP) as u64 + (1 << 20)
+    }
+}
 
 impl Samples for Photographs<'_> {
+    fn advance(&mut self, step: usize) {
+        self.0.hold((step / STEPS_PER_GROUP) as u64);
+    }
+
     fn side(&self) -> usize {
         SIDE
     }

@@ -2,7 +2,7 @@ use gonio::inference::learnt::Step;
 
 use crate::loss::contrast;
 use crate::train::{Batch, Model, Part};
-use crate::{PART, Samples, Trained, TrainingSettings, train};
+use crate::{Checkpoint, Monitor, PART, Samples, TrainError, Trained, TrainingSettings};
 
 /// Samples of a bright spot in a noisy image: the targets are its width and horizontal position,
 /// and one of the globals gives its vertical position.
@@ -53,6 +53,11 @@ impl Samples for Spots {
 }
 
 const SMALL: Spots = Spots { side: 16, channels: 2 };
+
+/// Trains on small images, without a checkpoint.
+fn train(settings: &TrainingSettings) -> Result<Trained, TrainError> {
+    Ok(crate::train(&mut { SMALL }, settings, None, &Monitor::new(&|_, _| ()))?.0)
+}
 
 fn small() -> TrainingSettings {
     TrainingSettings {
@@ -131,7 +136,7 @@ fn the_exported_encoder_gives_what_training_saw() {
 fn threads_do_not_change_the_result() {
     let run = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| train(&SMALL, &small(), &|_, _| ())).unwrap().encoder
+        pool.install(|| train(&small())).unwrap().encoder
     };
     assert_eq!(run(1), run(3));
 }
@@ -156,10 +161,13 @@ fn loss_of(trained: &Trained, first: u64, count: usize) -> f64 {
 fn what_is_visible_is_learnt() {
     let (steps, hidden) = (300, vec![32, 32]);
     let settings = TrainingSettings { steps, batch: 32, rate: 5e-3, drop: 0.0, average: 0.98, hidden, ..small() };
-    let trained = train(&SMALL, &settings, &|_, _| ()).unwrap();
+    let trained = train(&settings).unwrap();
     // The loss is 0 without knowledge, and -log 200 = -5.3 with certainty.
     let loss = loss_of(&trained, 1_000_000, 200);
     assert!(loss < -2.5, "{loss}");
+    // Among 50 others, certainty is -log 51 = -3.9.
+    let among = trained.loss(&SMALL, 1_000_000, 200);
+    assert!((-3.9..-1.5).contains(&among), "{among}");
 }
 
 #[test]
@@ -170,28 +178,26 @@ fn wrong_settings_and_samples_are_told() {
         TrainingSettings { widths: vec![4; 8], ..small() },
     ];
     for settings in wrong {
-        assert!(train(&SMALL, &settings, &|_, _| ()).is_err());
+        assert!(train(&settings).is_err());
     }
     let wild = TrainingSettings { rate: f64::NAN, ..small() };
-    assert!(matches!(train(&SMALL, &wild, &|_, _| ()), Err(crate::TrainError::Diverged { step: 1 })));
+    assert!(matches!(train(&wild), Err(TrainError::Diverged { step: 1 })));
 }
 
-/// Prints the speed and asserts none: machines differ.
 #[test]
-#[ignore = "a measurement"]
-#[allow(clippy::print_stdout)]
-fn samples_in_a_second() {
-    let big = Spots { side: 128, channels: 5 };
-    let settings = TrainingSettings { steps: 6, ..TrainingSettings::default() };
-    let started = std::sync::Mutex::new(None);
-    let rate = std::sync::Mutex::new(0.0);
-    train(&big, &settings, &|done, loss| {
-        let mut started = started.lock().unwrap();
-        let start = *started.get_or_insert_with(std::time::Instant::now);
-        let steps = done * settings.steps as f64 - 1.0;
-        *rate.lock().unwrap() = steps * settings.batch as f64 / start.elapsed().as_secs_f64();
-        assert!(loss.is_finite());
-    })
-    .unwrap();
-    println!("{:.0} samples a second on {} threads", rate.lock().unwrap(), rayon::current_num_threads());
+fn a_resumed_training_gives_the_same_result() {
+    let kept: std::cell::RefCell<Vec<Checkpoint>> = std::cell::RefCell::default();
+    let keep = |checkpoint: &dyn Fn() -> Checkpoint| kept.borrow_mut().push(checkpoint());
+    let monitor = Monitor { progress: &|_, _| (), keep: &keep };
+    let settings = TrainingSettings { drop: 0.2, ..small() };
+    let (whole, losses) = crate::train(&mut { SMALL }, &settings, None, &monitor).unwrap();
+    let kept = kept.into_inner();
+    assert_eq!(kept.iter().map(|c| c.step).collect::<Vec<_>>(), [1, 2, 3, 4]);
+    for start in [&kept[1], &kept[3]] {
+        let resume = |start| crate::train(&mut { SMALL }, &settings, Some(start), &Monitor::new(&|_, _| ()));
+        let (resumed, again) = resume(start.clone()).unwrap();
+        assert_eq!((&resumed.encoder, &again), (&whole.encoder, &losses));
+        let other = Checkpoint { values: vec![0.0; 3], ..start.clone() };
+        assert!(matches!(resume(other), Err(TrainError::Checkpoint)));
+    }
 }

@@ -7,6 +7,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::Samples;
+use crate::checkpoint::Checkpoint;
 use crate::dense::{Dense, DenseTrace};
 use crate::loss::contrast;
 use crate::optimiser::{Optimiser, Stride, one_cycle};
@@ -78,6 +79,9 @@ pub enum TrainError {
     /// A setting is out of range.
     #[error("setting `{0}` is out of range")]
     Setting(&'static str),
+    /// The checkpoint is from a training with other settings.
+    #[error("the checkpoint belongs to a training with other settings")]
+    Checkpoint,
     /// The encoder cannot be built or exported.
     #[error(transparent)]
     Encoder(#[from] EncoderError),
@@ -140,17 +144,26 @@ pub(crate) struct Model {
 pub struct Trained {
     /// Encoder of an image as its embedding.
     pub encoder: Encoder,
-    materials: Dense,
+    model: Model,
+    /// Weights of the embedding of materials.
     weights: Vec<Vec<f32>>,
+    values: Vec<f32>,
+    others: Vec<f32>,
 }
 
 impl Trained {
     /// Returns the embedding of a material at given coordinates. Its product with that of an image
     /// is the logarithm of the image's likelihood, up to a constant of the image.
     pub fn embed(&self, place: &[f32]) -> Vec<f32> {
-        let trace = self.materials.forward(bounded(place), &self.weights, &[]);
+        let trace = self.model.materials.forward(bounded(place), &self.weights, &[]);
         let scale = 1.0 / (trace.outputs().len() as f32).sqrt();
         trace.outputs().iter().map(|v| scale * v).collect()
+    }
+
+    /// Computes the mean loss in nats, as in training but without dropout, of `count` samples from
+    /// `first` on, whose materials are contrasted with the last ones of the training.
+    pub fn loss(&self, samples: &dyn Samples, first: u64, count: usize) -> f64 {
+        self.model.learn(&self.values, Batch { samples, first, count, others: &self.others, seed: 0 }).loss
     }
 }
 
@@ -289,11 +302,11 @@ impl Model {
         }
     }
 
-    fn finish(self, values: &[f32]) -> Result<Trained, TrainError> {
-        let encoder = self.parameters.export(values, &self.shape)?;
-        let mut weights = self.parameters.weights(values);
-        let weights = weights.split_off(self.layers.all().count());
-        Ok(Trained { encoder, materials: self.materials, weights })
+    fn finish(mut self, values: Vec<f32>, others: Vec<f32>) -> Result<Trained, TrainError> {
+        let encoder = self.parameters.export(&values, &self.shape)?;
+        let weights = self.parameters.weights(&values).split_off(self.layers.all().count());
+        self.drop = 0.0;
+        Ok(Trained { encoder, model: self, weights, values, others })
     }
 }
 
@@ -306,25 +319,53 @@ fn sum<'a>(vectors: impl Iterator<Item = &'a [f32]>, length: usize) -> Vec<f32> 
     sum
 }
 
-/// Fits an encoder and the embedding of materials to the samples: step `i` uses those from
-/// `i * batch` on, and contrasts their materials with those of the `settings.others` samples
-/// before. `progress` is called with the share of the steps done and the mean loss of the last one,
-/// in nats: the negative logarithm of how much likelier each image is under its own material than
-/// under any of them. Runs on the threads of rayon's pool; the result is deterministic for the
-/// seed, whatever their number.
+/// Observer of a training.
+pub struct Monitor<'a> {
+    /// Called after each step with the share of the steps done and the loss of the step, in nats:
+    /// the negative logarithm of how much likelier each image is under its own material than under
+    /// any of them.
+    pub progress: &'a (dyn Fn(f64, f64) + Sync),
+    /// Called after each step; calls its argument if it is time to keep a [`Checkpoint`].
+    pub keep: &'a dyn Fn(&dyn Fn() -> Checkpoint),
+}
+
+impl<'a> Monitor<'a> {
+    /// Builds an observer that keeps no checkpoint.
+    pub fn new(progress: &'a (dyn Fn(f64, f64) + Sync)) -> Self {
+        Self { progress, keep: &|_| () }
+    }
+}
+
+/// Fits an encoder and the embedding of materials to the samples: step `i` uses those from `i *
+/// batch` on, and contrasts their materials with those of the `settings.others` samples before.
+/// Continues from `start`, if there is one; the result is the same. Also returns the loss of each
+/// step. Runs on the threads of rayon's pool; the result is deterministic for the seed, whatever
+/// their number.
 ///
 /// # Errors
-/// If a setting is out of range or the loss is not finite.
+/// If a setting is out of range, the loss is not finite, or `start` is from other settings.
 pub fn train(
-    samples: &dyn Samples,
+    samples: &mut dyn Samples,
     settings: &TrainingSettings,
-    progress: &(dyn Fn(f64, f64) + Sync),
-) -> Result<Trained, TrainError> {
+    start: Option<Checkpoint>,
+    monitor: &Monitor<'_>,
+) -> Result<(Trained, Vec<f32>), TrainError> {
     let model = Model::new(samples, settings)?;
     let mut values = model.parameters.random(settings.seed);
     let mut optimiser = Optimiser::new(&values);
-    let mut others: Vec<f32> = Vec::new();
-    for step in 0..settings.steps {
+    let (mut others, mut losses): (Vec<f32>, Vec<f32>) = (Vec::new(), Vec::new());
+    let mut first_step = 0;
+    if let Some(start) = start {
+        let sizes = start.moments.iter().chain([&start.values]).all(|v| v.len() == values.len());
+        if !sizes || start.step > settings.steps || !start.others.len().is_multiple_of(samples.dimensions()) {
+            return Err(TrainError::Checkpoint);
+        }
+        first_step = start.step;
+        optimiser = Optimiser::resume(start.moments, start.step);
+        (values, others, losses) = (start.values, start.others, start.losses);
+    }
+    for step in first_step..settings.steps {
+        samples.advance(step);
         let first = (step * settings.batch) as u64;
         let batch = Batch { samples, first, count: settings.batch, others: &others, seed: settings.seed };
         let Lesson { loss, gradient, places } = model.learn(&values, batch);
@@ -340,7 +381,16 @@ pub fn train(
         optimiser.step(&mut values, &gradient, model.parameters.decaying(), &stride);
         others.extend(places);
         others.drain(..others.len().saturating_sub(settings.others * samples.dimensions()));
-        progress((step + 1) as f64 / settings.steps as f64, loss);
+        losses.push(loss as f32);
+        (monitor.progress)((step + 1) as f64 / settings.steps as f64, loss);
+        (monitor.keep)(&|| Checkpoint {
+            step: step + 1,
+            values: values.clone(),
+            moments: optimiser.moments(),
+            others: others.clone(),
+            losses: losses.clone(),
+        });
     }
-    model.finish(optimiser.average())
+    let trained = model.finish(optimiser.average().to_vec(), others)?;
+    Ok((trained, losses))
 }

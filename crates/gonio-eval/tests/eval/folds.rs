@@ -9,7 +9,7 @@ fn errors_are_of_what_was_left_out() {
         "folds",
         "--folds",
         "2",
-        "--cameras",
+        "--views",
         "1",
         "--draws",
         "8",

@@ -30,6 +30,7 @@ enum Content {
     Lighting,
     Reflectance,
     Posterior,
+    Checkpoint,
 }
 
 impl Content {
@@ -40,11 +41,13 @@ impl Content {
             Self::Lighting => "lighting",
             Self::Reflectance => "reflectance",
             Self::Posterior => "posterior",
+            Self::Checkpoint => "checkpoint",
         }
     }
 
     fn named(name: &str) -> Option<Self> {
-        [Self::Model, Self::Lighting, Self::Reflectance, Self::Posterior].into_iter().find(|c| c.name() == name)
+        let all = [Self::Model, Self::Lighting, Self::Reflectance, Self::Posterior, Self::Checkpoint];
+        all.into_iter().find(|c| c.name() == name)
     }
 
     fn label(self) -> &'static str {
@@ -53,11 +56,15 @@ impl Content {
             Self::Lighting => "a light prior alone",
             Self::Reflectance => "a reflectance basis alone",
             Self::Posterior => "a posterior of materials alone",
+            Self::Checkpoint => "a checkpoint of an unfinished training",
         }
     }
 
     fn command(self) -> String {
-        format!("gonio train {}", self.name())
+        match self {
+            Self::Checkpoint => "gonio train posterior".to_owned(),
+            _ => format!("gonio train {}", self.name()),
+        }
     }
 
     /// Describes the expected file, for the advice of an error.
@@ -95,6 +102,27 @@ pub fn encode_reflectance(basis: &ReflectanceBasis, provenance: &str) -> Vec<u8>
 pub fn encode_posterior(learnt: &LearntPosterior, provenance: &str) -> Vec<u8> {
     let (metadata, tensors) = posterior::parts(learnt);
     encode(Content::Posterior, metadata, provenance, &tensors)
+}
+
+/// Encodes the arrays of a checkpoint of a training, with a note.
+pub fn encode_arrays(note: &str, arrays: &[&[f32]]) -> Vec<u8> {
+    let tensor = |(at, values): (usize, &&[f32])| Tensor::f32(at.to_string(), &[values.len()], values);
+    let tensors: Vec<Tensor> = arrays.iter().enumerate().map(tensor).collect();
+    encode(Content::Checkpoint, Metadata::from([("arrays", arrays.len().to_string())]), note, &tensors)
+}
+
+/// Decodes what [`encode_arrays`] encoded: the note and the arrays. `path` serves the messages
+/// only.
+///
+/// # Errors
+/// If the bytes are not such a file, or are damaged.
+pub fn decode_arrays(path: &Path, bytes: &[u8]) -> Result<(String, Vec<Vec<f32>>), Error> {
+    let file = Container::decode(path, bytes, Content::Checkpoint)?;
+    let count: usize = file.json("arrays")?;
+    let arrays = (0..count.min(bytes.len()))
+        .map(|at| Ok(file.f32s(&at.to_string(), &[None])?.1))
+        .collect::<Result<_, Error>>()?;
+    Ok((provenance(&file)?, arrays))
 }
 
 fn encode(content: Content, mut metadata: Metadata, provenance: &str, tensors: &[Tensor]) -> Vec<u8> {

@@ -167,7 +167,7 @@ def train_posterior(
     materials: Materials,
     *,
     channel: str = "luminance",
-    cameras: int | None = None,
+    views: int | None = None,
     draws: int | None = None,
     steps: int | None = None,
     seed: int = 1,
@@ -183,10 +183,10 @@ def train_posterior(
         As for :func:`train_lighting` and :func:`train_reflectance`.
     channel : {"red", "green", "blue", "luminance"}, default "luminance"
         Channel of the measured BRDFs.
-    cameras : int, optional
-        Number of cameras in each light.
+    views : int, optional
+        Number of views of lights in each group of simulated scenes.
     draws : int, optional
-        Number of materials for each camera.
+        Number of materials in each group of simulated scenes.
     steps : int, optional
         Number of training steps, each on 128 simulated photographs.
     seed : int, default 1
@@ -205,7 +205,7 @@ def train_posterior(
     """
     options: PosteriorOptions = {
         "channel": choice(channel, "channel", CHANNELS),
-        "cameras": None if cameras is None else whole(cameras, "cameras"),
+        "views": None if views is None else whole(views, "views"),
         "draws": None if draws is None else whole(draws, "draws"),
         "steps": None if steps is None else whole(steps, "steps"),
         "seed": whole(seed, "seed"),

@@ -245,7 +245,7 @@ class PosteriorOptions(TypedDict):
     """Settings for training the posterior of materials."""
 
     channel: str
-    cameras: int | None
+    views: int | None
     draws: int | None
     steps: int | None
     seed: int

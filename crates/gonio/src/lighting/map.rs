@@ -159,6 +159,13 @@ impl EnvironmentMap {
         Self { radiance: Plane::from_fn(width, height, |x, y| cut(self.radiance[(x, y)])) }
     }
 
+    /// Returns the map with its luminance raised to a power; colours are kept.
+    pub fn contrasted(&self, power: f64) -> Self {
+        let (width, height) = self.radiance.size();
+        let changed = |pixel: Vec3| pixel * f64::from(luminance(pixel)).max(1e-30).powf(power - 1.0) as f32;
+        Self { radiance: Plane::from_fn(width, height, |x, y| changed(self.radiance[(x, y)])) }
+    }
+
     /// Returns the mean radiance over each texel of an octahedral grid of `side` by `side`.
     ///
     /// Every pixel is split into sub-pixels that are small compared with a texel. Each adds its
@@ -218,6 +225,16 @@ mod tests {
             Vec3::new(lamp + (y < 32) as u8 as f32, 0.3 + 0.2 * (x as f32 / 20.0).sin(), 0.5)
         }))
         .unwrap()
+    }
+
+    #[test]
+    fn contrast_is_a_power_of_the_luminance_and_keeps_colours() {
+        let (sky, flat) = (sky(), sky().contrasted(0.5));
+        for (x, y) in [(40, 20), (3, 60), (90, 10)] {
+            let (before, after) = (sky.radiance()[(x, y)], flat.radiance()[(x, y)]);
+            assert!((luminance(after) / luminance(before).sqrt() - 1.0).abs() < 1e-4, "{before} {after}");
+            assert!((before / luminance(before) - after / luminance(after)).length() < 1e-4);
+        }
     }
 
     #[test]

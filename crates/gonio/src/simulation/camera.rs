@@ -13,6 +13,13 @@ use super::scene::Scene;
 use crate::appearance::disk::{self, DiskImage, SIDE, on_disk};
 use crate::appearance::{Sample, scatter};
 
+/// Standard deviation of the logarithm of the albedo of paint over that of the object.
+const PAINT: f32 = 0.7;
+
+/// Range of the readings of hot pixels that escape their detection, relative to the mean of the
+/// picture.
+const HOT: (f32, f32) = (1.2, 20.0);
+
 /// Strengths of all effects on one photograph; zero is none.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Camera {
@@ -52,6 +59,12 @@ pub struct Camera {
     pub bounce: f32,
     /// Share of the pixels that show another material.
     pub foreign: f32,
+    /// Share of the pixels with paint of another albedo, with sharp edges.
+    pub painted: f32,
+    /// Share of the normals hidden by an object in front, with a straight edge.
+    pub occluded: f32,
+    /// Share of the pixels that are hot or dead.
+    pub defective: f32,
     /// Error of the normals from pixel to pixel, radians: the noise of a scan.
     pub rough_normals: f32,
     /// Error of the normals over regions, radians: a scan that was smoothed or is a pixel off the
@@ -81,6 +94,9 @@ impl Camera {
         shadow: 0.0,
         bounce: 0.0,
         foreign: 0.0,
+        painted: 0.0,
+        occluded: 0.0,
+        defective: 0.0,
         rough_normals: 0.0,
         wrong_normals: 0.0,
         outline: 0.0,
@@ -90,7 +106,7 @@ impl Camera {
     /// Draws a camera, an object and its shape at random. A quarter are renderings, clean except
     /// for a little noise; the others have each effect with a probability of its own.
     pub fn draw(rng: &mut impl Rng) -> Self {
-        let log = |rng: &mut _, low: f32, high: f32| between(rng, low.ln(), high.ln()).exp();
+        let log = |rng: &mut _, low: f32, high: f32| log_between(rng, (low, high));
         let clean = rng.random_range(0.0..1.0) < 0.25;
         let radius = log(rng, 40.0, 600.0);
         // The normals of a mesh or a list are not spread as evenly as a ball's pixels.
@@ -117,6 +133,9 @@ impl Camera {
             shadow: if figure { maybe(0.7, &|r| between(r, 0.0, 0.8)) } else { 0.0 },
             bounce: if figure { maybe(0.6, &|r| log(r, 0.005, 0.15)) } else { 0.0 },
             foreign: maybe(0.12, &|r| log(r, 0.003, 0.12)),
+            painted: maybe(0.1, &|r| log(r, 0.02, 0.5)),
+            occluded: maybe(0.05, &|r| between(r, 0.1, 0.5)),
+            defective: maybe(0.1, &|r| log(r, 1e-4, 3e-3)),
             rough_normals: maybe(0.4, &|r| log(r, 0.003, 0.08)),
             wrong_normals: maybe(0.4, &|r| log(r, 0.003, 0.05)),
             outline: maybe(0.4, &|r| log(r, 0.002, 0.03)),
@@ -133,6 +152,15 @@ impl Camera {
             let edge = quantile(&patches, 1.0 - self.foreign);
             for cell in (0..SIDE * SIDE).filter(|&c| patches[c] > edge) {
                 (image[cell], details[cell]) = (other.values[cell], other.details[cell]);
+            }
+        }
+        if self.painted > 0.0 {
+            let regions = field(8, rng);
+            let edge = quantile(&regions, 1.0 - self.painted);
+            let albedo = (PAINT * gauss(rng)).exp();
+            for cell in (0..SIDE * SIDE).filter(|&c| regions[c] > edge) {
+                image[cell] *= albedo;
+                details[cell] *= albedo;
             }
         }
         if self.wrong_normals > 0.0 || self.outline > 0.0 {
@@ -181,7 +209,12 @@ impl Camera {
                 + step * step / 12.0
                 + among.get(cell).copied().unwrap_or(0.0);
             let error = (variance / count).sqrt();
-            let noisy = value + gauss(rng) * error;
+            let mut noisy = value + gauss(rng) * error;
+            // The chance that one of the cell's pixels is defective.
+            if self.defective > 0.0 && between(rng, 0.0, 1.0) < self.defective * count.max(1.0) {
+                let reading = if between(rng, 0.0, 1.0) < 0.5 { 0.0 } else { mean * log_between(rng, HOT) };
+                noisy += (reading - value) / count.max(1.0);
+            }
             // Rounding is visible where few pixels are averaged.
             let rounded = if step > 0.0 && count < 3.0 { (noisy / step).round() * step } else { noisy };
             seen[cell] = rounded.max(0.0);
@@ -249,6 +282,16 @@ impl Camera {
             let edge = quantile(&gaps, 1.0 - self.missing);
             counts.iter_mut().zip(&gaps).for_each(|(c, g)| *c = if *g > edge { 0.0 } else { *c });
         }
+        if self.occluded > 0.0 {
+            let (sin, cos) = between(rng, 0.0, std::f32::consts::TAU).sin_cos();
+            let along = |cell| {
+                let (x, y) = disk::centre(cell);
+                x * cos + y * sin
+            };
+            let depths: Vec<f32> = (0..SIDE * SIDE).map(along).collect();
+            let edge = quantile(&depths, 1.0 - self.occluded);
+            counts.iter_mut().zip(&depths).for_each(|(c, d)| *c = if *d > edge { 0.0 } else { *c });
+        }
         (counts, each >= 3.0)
     }
 
@@ -296,6 +339,11 @@ impl Camera {
         let told = (self.speckle.powi(2) + rest).sqrt() * (0.15 * gauss(rng)).exp();
         told.max(0.001)
     }
+}
+
+/// Draws a number whose logarithm is uniform.
+fn log_between(rng: &mut impl Rng, (low, high): (f32, f32)) -> f32 {
+    between(rng, low.ln(), high.ln()).exp()
 }
 
 /// Resamples an image at these places, in cells.
@@ -378,7 +426,7 @@ mod tests {
             set(&mut camera, strength);
             error(&taken(&camera, 7))
         };
-        let effects: [(&str, Set<'_>, f32); 10] = [
+        let effects: [(&str, Set<'_>, f32); 12] = [
             ("read", &|c, s| c.read = s, 0.1),
             ("shot", &|c, s| c.shot = s, 0.1),
             ("blur", &|c, s| c.blur = s, 2.0),
@@ -387,6 +435,8 @@ mod tests {
             ("shadow", &|c, s| (c.figure, c.shadow) = (true, s), 0.5),
             ("bounce", &|c, s| (c.figure, c.bounce) = (true, s), 0.2),
             ("foreign", &|c, s| c.foreign = s, 0.2),
+            ("painted", &|c, s| c.painted = s, 0.4),
+            ("defective", &|c, s| c.defective = s, 0.02),
             ("rough normals", &|c, s| c.rough_normals = s, 0.05),
             ("wrong normals", &|c, s| c.wrong_normals = s, 0.05),
         ];
@@ -427,6 +477,8 @@ mod tests {
     fn what_is_missing_or_clipped_is_not_observed() {
         let gaps = taken(&Camera { missing: 0.3, ..Camera::CLEAN }, 1);
         assert!((gaps.observed() - 0.7).abs() < 0.02);
+        let hidden = taken(&Camera { occluded: 0.4, ..Camera::CLEAN }, 1);
+        assert!((hidden.observed() - 0.6).abs() < 0.02);
         let clipped = taken(&Camera { clipped: 0.05, ..Camera::CLEAN }, 1);
         assert!((clipped.observed() - 0.95).abs() < 0.02);
         let coarse = taken(&Camera { radius: 40.0, ..Camera::CLEAN }, 1);

@@ -1,9 +1,11 @@
 //! Simulated photographs: materials of the prior under captured and artificial lights, with camera
 //! effects.
 //!
-//! A [`Stock`] contains scenes: ideal images of a ball. An unlimited number of photographs can be
-//! drawn from it, each with a new material and new camera effects ([`Camera`]). A mixture of two
-//! materials under one light is also a material, and its image is the mixture of their images.
+//! A [`Stock`] contains groups of scenes: ideal images of a ball of each of some materials in each
+//! of some views of captured lights. An unlimited number of photographs can be drawn from it.
+//! Images are linear in the light and in the material: a photograph shows one material of a group
+//! or a mixture of two, in the sum of up to four views with random weights and turns. The number of
+//! lights is thus unlimited, so that an encoder cannot memorise them (`docs/training.md`).
 
 mod ball;
 mod camera;
@@ -15,6 +17,10 @@ mod lights;
 mod orbit;
 mod pyramid;
 mod scene;
+#[cfg(test)]
+mod tests;
+
+use std::collections::VecDeque;
 
 use glam::DQuat;
 use rand::{Rng, RngExt, SeedableRng};
@@ -31,19 +37,21 @@ use scene::Packed;
 pub use scene::{Scene, SceneRenderer};
 
 use crate::appearance::DiskImage;
-use crate::appearance::disk::SIDE;
+use crate::appearance::disk::{self, SIDE, on_disk};
 use crate::lighting::EnvironmentMap;
-use crate::reflectance::{BivariateTable, Dictionary, Mixture, Prior};
+use crate::reflectance::{BivariateTable, Dictionary, DrawnMaterial, Prior};
 
 /// Settings of the simulated scenes.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct StockSettings {
-    /// Number of cameras in each captured light, at even azimuths from a random start.
-    pub cameras: usize,
+    /// Number of groups that photographs are drawn from at a time.
+    pub groups: usize,
+    /// Number of views of captured lights in each group.
+    pub views: usize,
+    /// Number of materials in each group.
+    pub draws: usize,
     /// Standard deviation of the angle at which cameras look up or down, in degrees.
     pub tilt: f64,
-    /// Number of materials drawn for each camera.
-    pub draws: usize,
     /// Seed of all random numbers.
     pub seed: u64,
     /// Prior from which materials are drawn.
@@ -52,30 +60,44 @@ pub struct StockSettings {
 
 impl Default for StockSettings {
     fn default() -> Self {
-        Self { cameras: 6, tilt: 12.0, draws: 160, seed: 1, prior: Prior::default() }
+        Self { groups: 8, views: 24, draws: 120, tilt: 12.0, seed: 1, prior: Prior::default() }
     }
 }
 
 /// Scenes to draw photographs from.
+///
+/// The scenes of the default settings take 0.9 GB. A training replaces one group after the other
+/// ([`Self::hold`]), so that memory does not depend on the number of scenes it sees.
 pub struct Stock {
     dictionary: Dictionary,
+    lights: Vec<EnvironmentMap>,
     settings: StockSettings,
     renderer: SceneRenderer,
-    lights: u64,
-    shots: Vec<Shot>,
+    /// Number of the first group of `groups`.
+    first: u64,
+    groups: VecDeque<Group>,
 }
 
-/// Materials in front of one camera in one light.
-struct Shot {
-    materials: Vec<Mixture>,
+/// Materials, each in front of some cameras in some lights.
+struct Group {
+    materials: Vec<DrawnMaterial>,
     /// Their coordinates.
     places: Vec<Vec<f64>>,
-    /// Their scenes.
-    scenes: Vec<Packed>,
+    /// Scenes of the materials in each view.
+    views: Vec<Vec<Packed>>,
 }
 
 /// Share of the photographs that are of a mixture of two drawn materials.
-const MIXED: f64 = 0.25;
+const MIXED: f64 = 0.5;
+
+/// Shares of the photographs that are lit by one to four views.
+const SUMMED: [f64; 4] = [0.35, 0.3, 0.2, 0.15];
+
+/// Range of the standard deviations of the logarithms of the weights of summed views.
+const WEIGHTS: (f64, f64) = (0.3, 2.0);
+
+/// Range of the powers of the radiance by which the contrast of half of the lights is changed.
+const CONTRASTS: (f64, f64) = (0.75, 1.3);
 
 /// A photograph and its ground truth.
 pub struct Photograph {
@@ -87,8 +109,13 @@ pub struct Photograph {
 
 impl Stock {
     /// Builds a stock without scenes.
-    pub fn new(dictionary: Dictionary, settings: StockSettings) -> Self {
-        Self { dictionary, settings, renderer: SceneRenderer::new(), lights: 0, shots: Vec::new() }
+    ///
+    /// # Panics
+    /// If there are no lights, or a number of the settings is zero.
+    pub fn new(dictionary: Dictionary, lights: Vec<EnvironmentMap>, settings: StockSettings) -> Self {
+        assert!(!lights.is_empty() && settings.groups * settings.views * settings.draws > 0);
+        let renderer = SceneRenderer::new();
+        Self { dictionary, lights, settings, renderer, first: 0, groups: VecDeque::new() }
     }
 
     /// Returns the dictionary that materials are drawn from.
@@ -96,60 +123,84 @@ impl Stock {
         &self.dictionary
     }
 
-    /// Returns the number of scenes so far.
+    /// Returns the number of scenes that it contains.
     pub fn scenes(&self) -> usize {
-        self.shots.iter().map(|s| s.materials.len()).sum()
+        self.groups.iter().map(|group| group.views.len() * group.materials.len()).sum()
     }
 
-    /// Adds scenes in one more captured light and in others derived from it. The random numbers
-    /// depend on the seed and on the number of lights before.
-    pub fn add_light(&mut self, map: &EnvironmentMap) {
-        let mut rng = Pcg64::seed_from_u64(self.settings.seed.wrapping_mul(0x9e37_79b9).wrapping_add(self.lights));
-        let first: f64 = rng.random_range(0.0..1.0);
-        for camera in 0..self.settings.cameras {
-            let azimuth = (camera as f64 + first) / self.settings.cameras as f64 * std::f64::consts::TAU;
-            let tilt = self.settings.tilt.to_radians() * Distribution::<f64>::sample(&StandardNormal, &mut rng);
-            let turn = DQuat::from_rotation_y(azimuth) * DQuat::from_rotation_x(tilt);
-            let kind = LightKind::of(self.lights as usize * self.settings.cameras + camera);
-            let light = kind.light(map, turn, &mut rng);
-            let materials: Vec<Mixture> =
-                (0..self.settings.draws).map(|_| self.dictionary.draw(&self.settings.prior, &mut rng)).collect();
-            let tables: Vec<BivariateTable> = materials.par_iter().map(|m| self.dictionary.table(m)).collect();
-            let scenes = self.renderer.render(&tables, &light).par_iter().map(Packed::of).collect();
-            let places = tables.par_iter().map(|t| self.dictionary.coordinates.of(t)).collect();
-            self.shots.push(Shot { materials, places, scenes });
+    /// Renders the groups from number `first` on, as many as the settings state, and drops all
+    /// others. Groups that it already contains are kept. A group depends on the settings, the
+    /// lights and its number alone.
+    pub fn hold(&mut self, first: u64) {
+        let held = self.groups.len() as u64;
+        if first < self.first || first >= self.first + held {
+            self.groups.clear();
+        } else {
+            self.groups.drain(..(first - self.first) as usize);
         }
-        self.lights += 1;
+        self.first = first;
+        while self.groups.len() < self.settings.groups {
+            self.groups.push_back(self.group(first + self.groups.len() as u64));
+        }
     }
 
-    /// Returns one of an unlimited number of photographs, the same for the same number: of one of
-    /// the materials or, in a quarter of them, of a mixture of two; turned by quarters about the
-    /// view and mirrored at random.
+    fn group(&self, number: u64) -> Group {
+        let Self { dictionary, lights, settings, renderer, .. } = self;
+        let mut rng = Pcg64::seed_from_u64(settings.seed.wrapping_mul(0x9e37_79b9).wrapping_add(number));
+        let materials: Vec<DrawnMaterial> =
+            (0..settings.draws).map(|_| dictionary.draw(&settings.prior, &mut rng)).collect();
+        let tables: Vec<BivariateTable> = materials.par_iter().map(|m| dictionary.table(m)).collect();
+        let mut view = |view: usize| {
+            let map = &lights[rng.random_range(0..lights.len())];
+            let changed = rng.random_bool(0.5).then(|| map.contrasted(rng.random_range(CONTRASTS.0..CONTRASTS.1)));
+            let azimuth = rng.random_range(0.0..std::f64::consts::TAU);
+            let tilt = settings.tilt.to_radians() * Distribution::<f64>::sample(&StandardNormal, &mut rng);
+            let turn = DQuat::from_rotation_y(azimuth) * DQuat::from_rotation_x(tilt);
+            let kind = LightKind::of(number as usize * settings.views + view);
+            let light = kind.light(changed.as_ref().unwrap_or(map), turn, &mut rng);
+            renderer.render(&tables, &light).par_iter().map(Packed::of).collect()
+        };
+        let views = (0..settings.views).map(&mut view).collect();
+        let places = tables.par_iter().map(|t| dictionary.coordinates.of(t)).collect();
+        Group { materials, places, views }
+    }
+
+    /// Returns one of an unlimited number of photographs, the same for the same number and groups:
+    /// of one of the materials or of a mixture of two, in the sum of some views.
     ///
     /// # Panics
     /// If there are no scenes.
     pub fn photograph(&self, number: u64) -> Photograph {
         let mut rng = self.generator(number);
         let pick = self.pick(&mut rng);
-        let (mut scene, mut other) = (Scene::black(), Scene::black());
-        for (at, share) in pick.parts() {
-            pick.shot.scenes[at].add_to(share, &mut scene);
-        }
         let camera = Camera::draw(&mut rng);
-        if camera.foreign > 0.0 {
-            pick.shot.scenes[pick.foreign].add_to(1.0, &mut other);
+        let (mut scene, mut other) = (Scene::black(), Scene::black());
+        for &(view, weight, way) in &pick.views {
+            let scenes = &pick.group.views[view];
+            let mut one = Scene::black();
+            for (at, share) in pick.parts() {
+                scenes[at].add_to(share, &mut one);
+            }
+            // Views contribute by their weights, however bright their lights are.
+            let scale = weight / disk::mean(&one.values).max(1e-30);
+            one.add_turned(way, scale, &mut scene);
+            if camera.foreign > 0.0 {
+                let mut foreign = Scene::black();
+                scenes[pick.foreign].add_to(1.0, &mut foreign);
+                foreign.add_turned(way, scale, &mut other);
+            }
         }
-        let mut image = camera.photograph(&scene, &other, &mut rng);
-        turn(&mut image, rng.random_range(0..8));
-        Photograph { image, place: self.place_of(&pick) }
+        Photograph { image: camera.photograph(&scene, &other, &mut rng), place: self.place_of(&pick) }
     }
 
-    /// Returns the coordinates of the material of the photograph with this number.
-    ///
-    /// # Panics
-    /// If there are no scenes.
+    /// Returns the coordinates of a material of photographs, drawn from the prior: one of an
+    /// unlimited number, the same for the same number, whatever the groups.
     pub fn place(&self, number: u64) -> Vec<f64> {
-        self.place_of(&self.pick(&mut self.generator(number)))
+        let mut rng = self.generator(number);
+        let mut draw = || self.dictionary.table(&self.dictionary.draw(&self.settings.prior, &mut rng));
+        let (one, two) = (draw(), draw());
+        let share = share(&mut rng);
+        self.dictionary.coordinates.of(&mixture([(&one, share), (&two, 1.0 - share)]))
     }
 
     fn generator(&self, number: u64) -> Pcg64 {
@@ -157,33 +208,59 @@ impl Stock {
     }
 
     fn pick(&self, rng: &mut Pcg64) -> Pick<'_> {
-        let shot = &self.shots[rng.random_range(0..self.shots.len())];
-        let mut any = || rng.random_range(0..shot.materials.len());
+        let group = &self.groups[rng.random_range(0..self.groups.len())];
+        let mut any = || rng.random_range(0..group.materials.len());
         let (one, two, foreign) = (any(), any(), any());
-        let share = if rng.random_range(0.0..1.0) < MIXED { rng.random_range(0.0..1.0) } else { 1.0 };
-        Pick { shot, one, two, foreign, share }
+        let share = share(rng);
+        let mut at: f64 = rng.random_range(0.0..1.0);
+        let count = 1 + SUMMED
+            .iter()
+            .take_while(|share| {
+                at -= **share;
+                at >= 0.0
+            })
+            .count()
+            .min(SUMMED.len() - 1);
+        let deviation = rng.random_range(WEIGHTS.0..WEIGHTS.1);
+        let view = |_| {
+            let weight = (deviation * Distribution::<f64>::sample(&StandardNormal, &mut *rng)).exp() as f32;
+            (rng.random_range(0..group.views.len()), weight, rng.random_range(0..8))
+        };
+        let views = (0..count).map(view).collect();
+        Pick { group, one, two, foreign, share, views }
     }
 
     fn place_of(&self, pick: &Pick) -> Vec<f64> {
         if pick.share == 1.0 {
-            return pick.shot.places[pick.one].clone();
+            return pick.group.places[pick.one].clone();
         }
-        let part =
-            |(at, share): (usize, f32)| pick.shot.materials[at].iter().map(move |(c, w)| (*c, w * f64::from(share)));
-        let material: Mixture = pick.parts().flat_map(part).collect();
-        self.dictionary.coordinates.of(&self.dictionary.table(&material))
+        let [one, two] = [pick.one, pick.two].map(|at| self.dictionary.table(&pick.group.materials[at]));
+        self.dictionary.coordinates.of(&mixture([(&one, pick.share), (&two, 1.0 - pick.share)]))
     }
 }
 
-/// Choice of the materials in a photograph.
+/// Draws the share of the first of two materials.
+fn share(rng: &mut Pcg64) -> f32 {
+    if rng.random_bool(MIXED) { rng.random_range(0.0..1.0) } else { 1.0 }
+}
+
+/// Returns the table of a mixture of two materials.
+fn mixture([one, two]: [(&BivariateTable, f32); 2]) -> BivariateTable {
+    let cells = one.0.as_slice().iter().zip(two.0.as_slice());
+    BivariateTable::from_vec(cells.map(|(a, b)| one.1 * a + two.1 * b).collect())
+}
+
+/// Choice of the materials and the light of a photograph.
 struct Pick<'a> {
-    shot: &'a Shot,
+    group: &'a Group,
     one: usize,
     two: usize,
     /// Material of the pixels that do not show the object's material.
     foreign: usize,
     /// Share of the first material.
     share: f32,
+    /// View, its weight, and the symmetry of the square by which it is turned.
+    views: Vec<(usize, f32, usize)>,
 }
 
 impl Pick<'_> {
@@ -193,22 +270,21 @@ impl Pick<'_> {
     }
 }
 
-/// Applies one of the eight symmetries of the square.
-fn turn(image: &mut DiskImage, way: usize) {
-    let last = SIDE - 1;
-    let from = |cell: usize| {
-        let (x, y) = (cell % SIDE, cell / SIDE);
-        let (x, y) = if way & 1 == 0 { (x, y) } else { (last - x, y) };
-        let (x, y) = if way & 2 == 0 { (x, y) } else { (x, last - y) };
-        let (x, y) = if way & 4 == 0 { (x, y) } else { (y, x) };
-        y * SIDE + x
-    };
-    fn laid<T: Copy>(values: &[T], from: impl Fn(usize) -> usize) -> Vec<T> {
-        (0..SIDE * SIDE).map(|c| values[from(c)]).collect()
+impl Scene {
+    /// Adds the scene to another, turned by one of the eight symmetries of the square and scaled.
+    /// Details of different lights are independent: their squares add.
+    fn add_turned(&self, way: usize, scale: f32, to: &mut Self) {
+        let last = SIDE - 1;
+        for cell in (0..SIDE * SIDE).filter(|&c| on_disk(c)) {
+            let (x, y) = (cell % SIDE, cell / SIDE);
+            let x = if way & 1 == 0 { x } else { last - x };
+            let y = if way & 2 == 0 { y } else { last - y };
+            let (x, y) = if way & 4 == 0 { (x, y) } else { (y, x) };
+            let from = y * SIDE + x;
+            to.values[cell] += scale * self.values[from];
+            to.details[cell] = to.details[cell].hypot(scale * self.details[from]);
+        }
     }
-    image.values = laid(&image.values, from);
-    image.counts = laid(&image.counts, from);
-    image.details = laid(&image.details, from);
 }
 
 /// Builds a random generator for photographs by a camera without a stock.

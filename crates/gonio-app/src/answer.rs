@@ -165,8 +165,9 @@ fn contradicted(image: &str, seen: &Seen, lit: bool, misfit: f64) -> Problem {
     let text = format!("light and material leave {:.0} % of the photograph unexplained", 100.0 * misfit);
     let problem = Problem::of(image, text);
     let problem = if lit { problem.with(Remedy::AlignLight) } else { problem };
-    let problem = match seen.sighting.placed {
-        Some(_) => problem.with(Remedy::Camera).with(Remedy::Pose),
+    let problem = match &seen.sighting.placed {
+        Some(placed) if placed.default_camera => problem.with(Remedy::Camera).with(Remedy::Pose),
+        Some(_) => problem.with(Remedy::Pose),
         None if seen.sighting.circle().is_some() => problem.with(Remedy::Outline),
         None => problem,
     };

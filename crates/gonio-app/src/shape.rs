@@ -247,9 +247,14 @@ fn place(
             mesh.transformed(&by).map_err(|error| Problem::of(pose.name("the pose"), error))?
         }
     };
+    let default_camera = camera.is_none();
     let placed = Placed::of_mesh(&mesh, camera, size).map_err(|error| {
         let problem = Problem::of(&name, &error);
-        if error == PlacedError::Unseen { problem.with(Remedy::Pose).with(Remedy::Camera) } else { problem }
+        match error {
+            PlacedError::Unseen if default_camera => problem.with(Remedy::Pose).with(Remedy::Camera),
+            PlacedError::Unseen => problem.with(Remedy::Pose),
+            _ => problem,
+        }
     })?;
     let notes = notes::mesh(&name, &soundness, &placed.camera);
     Ok((placed, notes))

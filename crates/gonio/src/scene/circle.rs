@@ -73,7 +73,7 @@ pub(crate) fn find_sphere(coverage: &Plane<f32>) -> Result<FoundCircle, SceneErr
     if fit.spread > 0.5 + 0.03 * circle.radius || stray as f64 > MOST_STRAY * rim.len() as f64 {
         // A clear ellipse is reported as such even where no circle fits it.
         return Err(if (0.5..LEAST_ASPECT).contains(&aspect) && stray == 0 {
-            SceneError::Elliptic { aspect }
+            SceneError::Elliptic { aspect, under_camera: false }
         } else {
             SceneError::NotACircle { residual: fit.spread, radius: circle.radius, stray, rim: rim.len() }
         });
@@ -85,7 +85,7 @@ pub(crate) fn find_sphere(coverage: &Plane<f32>) -> Result<FoundCircle, SceneErr
         return Err(too_small(circle.radius));
     }
     if aspect < LEAST_ASPECT {
-        return Err(SceneError::Elliptic { aspect });
+        return Err(SceneError::Elliptic { aspect, under_camera: false });
     }
     let squares = fit.near.iter().map(|p| (p.distance(DVec2::new(circle.x, circle.y)) - circle.radius).powi(2));
     Ok(FoundCircle {
@@ -255,7 +255,7 @@ mod tests {
         for b in [46.0, 40.0, 30.0] {
             let error = refused(&ellipse((128, 128), (64.0, 64.0), (50.0, b), true));
             assert!(
-                matches!(error, SceneError::Elliptic { aspect } if (aspect - b / 50.0).abs() < 0.03),
+                matches!(error, SceneError::Elliptic { aspect, .. } if (aspect - b / 50.0).abs() < 0.03),
                 "{b} {error}"
             );
         }

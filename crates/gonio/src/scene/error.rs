@@ -42,6 +42,8 @@ pub enum SceneError {
     Elliptic {
         /// Shorter over longer axis, below one.
         aspect: f64,
+        /// Whether a camera was given, under which a ball has a round outline.
+        under_camera: bool,
     },
     /// The outline is not a circle.
     #[error(
@@ -203,6 +205,8 @@ pub enum SceneError {
     Elsewhere {
         /// Pixels of both over pixels of either.
         overlap: f64,
+        /// Whether the camera is the default one because none was given.
+        default_camera: bool,
     },
     /// The normals are inconsistent.
     #[error(transparent)]
@@ -229,7 +233,8 @@ impl SceneError {
     pub fn remedies(&self) -> Vec<Remedy> {
         match self {
             Self::MaskEverywhere | Self::ShortOutline { .. } => vec![Remedy::Outline],
-            Self::Elliptic { .. } => vec![Remedy::Ellipsoid, Remedy::Outline, Remedy::Camera],
+            Self::Elliptic { under_camera: false, .. } => vec![Remedy::Ellipsoid, Remedy::Outline, Remedy::Camera],
+            Self::Elliptic { under_camera: true, .. } => vec![Remedy::Mesh, Remedy::Mask],
             Self::NotACircle { .. } => vec![Remedy::Normals, Remedy::Mesh, Remedy::Outline],
             Self::Several { objects } => {
                 let circles: Vec<Circle> = objects.iter().filter_map(|object| object.circle).collect();
@@ -241,7 +246,8 @@ impl SceneError {
             }
             Self::NotAnEllipse { .. } => vec![Remedy::Mesh, Remedy::Normals],
             Self::NoOutline => vec![Remedy::Mask, Remedy::Outline],
-            Self::Elsewhere { .. } => vec![Remedy::Camera, Remedy::Pose, Remedy::Force],
+            Self::Elsewhere { default_camera: true, .. } => vec![Remedy::Camera, Remedy::Pose, Remedy::Force],
+            Self::Elsewhere { default_camera: false, .. } => vec![Remedy::Pose, Remedy::Force],
             Self::Contradiction(it) => vec![it.remedy(), Remedy::TrustNormals],
             _ => Vec::new(),
         }

@@ -122,7 +122,11 @@ pub(crate) fn find_ball(coverage: &Plane<f32>, camera: &Camera) -> Result<Ellips
     let pixel = camera.ray((rim[0].x + 1.0, rim[0].y)).direction.angle_between(rays[0]);
     if pixel < 1e-9 {
         // Parallel rays.
-        let found = super::find_sphere(coverage)?.circle;
+        let found = super::find_sphere(coverage).map_err(|error| match error {
+            SceneError::Elliptic { aspect, .. } => SceneError::Elliptic { aspect, under_camera: true },
+            error => error,
+        })?;
+        let found = found.circle;
         let scale = match camera.projection {
             crate::shape::Projection::Orthographic { pixels_per_unit } => pixels_per_unit,
             crate::shape::Projection::Perspective { .. } => return Err(none(0.0)),
@@ -215,6 +219,7 @@ fn quantile(values: &mut [f64], share: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::remedy::Remedy;
     use crate::shape::{Projection, Ray, Surface};
 
     /// Coverage from 8 x 8 samples per pixel.
@@ -291,5 +296,16 @@ mod tests {
         let found = find_ball(&coverage, &camera).unwrap();
         let hit = found.hit(&camera.ray((110.0 + 30.0, 95.0))).unwrap();
         assert!((hit.normal - DVec3::new(0.5, 0.0, 0.75_f64.sqrt())).length() < 0.005, "{}", hit.normal);
+    }
+
+    #[test]
+    fn a_given_camera_is_not_suggested() {
+        let camera = Camera::new(Projection::Orthographic { pixels_per_unit: 10.0 }, (0.0, 0.0), (240, 200)).unwrap();
+        let coverage = mask(camera.size, ellipse(0.3, 0.0));
+        let without = super::super::find_sphere(&coverage).unwrap_err();
+        assert!(without.remedies().contains(&Remedy::Camera), "{without}");
+        let given = find_ball(&coverage, &camera).unwrap_err();
+        assert!(matches!(given, SceneError::Elliptic { under_camera: true, .. }), "{given}");
+        assert!(!given.remedies().contains(&Remedy::Camera) && !given.remedies().is_empty(), "{given}");
     }
 }

@@ -132,7 +132,10 @@ impl Sighting {
                 let coverage = outlined(picture, mask.as_ref())?;
                 let ball = find_ball(&coverage, &camera)?;
                 let looker = looker(Some(coverage));
-                looker.surface(Placed { surface: Box::new(ball), camera }, Found::Ball(ball.centre()))?
+                looker.surface(
+                    Placed { surface: Box::new(ball), camera, default_camera: false },
+                    Found::Ball(ball.centre()),
+                )?
             }
             Object::Ellipsoid(given) => {
                 let coverage = outlined(picture, mask.as_ref())?;
@@ -141,7 +144,8 @@ impl Sighting {
                 let surface = Box::new(ellipse.with_depth(depth)?);
                 let camera = Camera::new(Projection::Orthographic { pixels_per_unit: 1.0 }, (0.0, 0.0), size)?;
                 let looker = looker(Some(coverage));
-                let mut sighting = looker.surface(Placed { surface, camera }, Found::Ellipse(ellipse, depth))?;
+                let mut sighting = looker
+                    .surface(Placed { surface, camera, default_camera: false }, Found::Ellipse(ellipse, depth))?;
                 if given.is_none() {
                     sighting.oddities.push(Oddity::Depth(depth));
                 }
@@ -228,7 +232,7 @@ impl Looker<'_> {
             let Overlap { share: overlap, is_rim, is_part } = Overlap::of(coverage, &buffer.distances);
             let is_aligned = is_rim || (self.masked && is_part);
             if overlap < LEAST_OVERLAP && !is_aligned && !self.settings.force {
-                return Err(SceneError::Elsewhere { overlap });
+                return Err(SceneError::Elsewhere { overlap, default_camera: placed.default_camera });
             }
             if overlap < GOOD_OVERLAP && !is_aligned {
                 oddities.push(Oddity::Misplaced { overlap });
@@ -262,7 +266,7 @@ impl Looker<'_> {
         }
         let view = SurfaceView { normals: &normals, camera: camera.as_ref(), distances: None };
         let observations = Observations::of_view(self.picture, &view, self.coverage.as_ref(), self.settings)?;
-        let (placed, soundness) = relief.map(|relief| self.relief(relief)).transpose()?.unzip();
+        let (placed, soundness) = relief.map(|relief| self.relief(relief, camera.is_none())).transpose()?.unzip();
         Ok(Sighting {
             normals: Some(normals),
             placed,
@@ -272,7 +276,11 @@ impl Looker<'_> {
     }
 
     /// Builds the surface of a position map, cut to the object.
-    fn relief(&self, Relief { mut places, camera }: Relief) -> Result<(Placed, Soundness), SceneError> {
+    fn relief(
+        &self,
+        Relief { mut places, camera }: Relief,
+        default_camera: bool,
+    ) -> Result<(Placed, Soundness), SceneError> {
         let size = self.picture.rgb.size();
         check_size("depth or position map", places.size(), size)?;
         if let Some(coverage) = &self.coverage {
@@ -280,7 +288,7 @@ impl Looker<'_> {
             places = Plane::from_vec(size.0, size.1, cut.collect());
         }
         let (mesh, soundness) = Mesh::of_positions(&places, STEP)?;
-        Ok((Placed { surface: Box::new(Tracer::new(mesh)), camera }, soundness))
+        Ok((Placed { surface: Box::new(Tracer::new(mesh)), camera, default_camera }, soundness))
     }
 
     fn sighting(self, observations: Observations, found: Found) -> Sighting {
@@ -333,6 +341,8 @@ impl Overlap {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::remedy::Remedy;
+    use crate::shape::Ellipsoid;
 
     /// A disk of this radius in a picture of 100 pixels, shifted to the right.
     fn disk(radius: f64, shift: f64) -> impl Fn(usize, usize) -> bool {
@@ -357,5 +367,21 @@ mod tests {
         let part = overlap(disk(12.0, 5.0), disk(30.0, 0.0));
         assert!(part.share < LEAST_OVERLAP && !part.is_rim && part.is_part, "{}", part.share);
         assert!(!overlap(disk(12.0, 0.0), |_, _| false).is_part);
+    }
+
+    #[test]
+    fn a_misplaced_shape_suggests_a_camera_only_if_none_was_given() {
+        let size = (100, 100);
+        let camera = Camera::new(Projection::Orthographic { pixels_per_unit: 30.0 }, (0.0, 0.0), size).unwrap();
+        let of = |default_camera: bool| {
+            let surface = Box::new(Ellipsoid::sphere(DVec3::new(1.0, 0.0, -5.0), 1.0).unwrap());
+            let object = Object::Surface(Placed { surface, camera, default_camera });
+            let mask = Plane::from_fn(100, 100, |x, y| if disk(30.0, 0.0)(x, y) { 1.0 } else { 0.0 });
+            let picture = Picture { rgb: Plane::from_fn(100, 100, |_, _| Vec3::ONE), alpha: None };
+            let refused = Sighting::of(&picture, Some(mask), object, &ObservationSettings::default()).err().unwrap();
+            assert!(matches!(refused, SceneError::Elsewhere { .. }), "{refused}");
+            refused.remedies().contains(&Remedy::Camera)
+        };
+        assert!(of(true) && !of(false));
     }
 }

@@ -12,6 +12,8 @@ pub struct Placed {
     pub surface: Box<dyn Surface + Send>,
     /// The camera.
     pub camera: Camera,
+    /// Whether the camera is the default one because none was given.
+    pub default_camera: bool,
 }
 
 /// Error in placing a mesh in front of a camera.
@@ -36,6 +38,7 @@ impl Placed {
     /// # Errors
     /// If the mesh is not visible to the camera, or either of them is invalid.
     pub fn of_mesh(mesh: &Mesh, camera: Option<Camera>, size: (usize, usize)) -> Result<Self, PlacedError> {
+        let default_camera = camera.is_none();
         let camera = match camera {
             Some(camera) => camera,
             None => {
@@ -44,7 +47,7 @@ impl Placed {
             }
         };
         let surface = Box::new(Tracer::new(mesh.transformed(&camera.to_world.inverse())?));
-        let placed = Self { surface, camera };
+        let placed = Self { surface, camera, default_camera };
         if placed.is_seen() { Ok(placed) } else { Err(PlacedError::Unseen) }
     }
 

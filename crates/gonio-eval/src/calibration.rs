@@ -9,20 +9,14 @@ use std::fmt::Write as _;
 use std::path::Path;
 
 use anyhow::Result;
-use glam::DQuat;
-use gonio::colour::{Chroma, ChromaField, ChromaInterval, ColourEstimate, white_chroma};
+use gonio::colour::{Chroma, ChromaField, ChromaInterval, ColourEstimate};
 use gonio::estimate::{Colouring, EstimateSettings, Light, Material, expected_misfit};
 use gonio::gloss::GgxWidths;
 use gonio::inference::learnt::peak_over_base;
 use gonio::reflectance::{BivariateTable, THETA_D, brdf_scale, theta_d_of, theta_h_of, trusted_cells};
-use gonio::render::{LightTree, Relighter};
-use gonio::scene::Observations;
-use gonio::sphere::OctahedralMap;
 
-use crate::bench::{DRAFT, Progress};
-use crate::colour::{ColourEstimator, Photograph, Subject, add_noise, picture, subjects};
+use crate::colour::{ColourEstimator, Subject, photographs, subjects};
 use crate::data::Lights;
-use crate::posteriors;
 
 /// Ends of the bands of half angle, in degrees.
 const BANDS: [f64; 7] = [0.0, 4.0, 10.0, 20.0, 35.0, 55.0, 80.0];
@@ -106,42 +100,28 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
     let model = gonio_io::model::embedded()?;
     let subjects: Vec<Subject> =
         subjects(data)?.into_iter().skip(options.first).step_by(options.every as usize).collect();
-    let tables: Vec<BivariateTable> = subjects.iter().map(|s| BivariateTable::luminance(&s.rgb)).collect();
     let lights = if options.test { Lights::open(data)? } else { Lights::training(data)? };
-    let ball = posteriors::ball(DQuat::IDENTITY);
-    let progress = Progress::new("photographs", options.lights.len() * subjects.len());
     let (mut cells, mut numbers, mut residuals) = (Vec::new(), Vec::new(), Vec::new());
-    for (at, light) in options.lights.iter().enumerate() {
-        let map = lights.map(light)?.rotated(DQuat::from_rotation_y(137.5_f64.to_radians() * at as f64));
-        let operator = Relighter::of_channels(&ball, &tables, &LightTree::of_map(&map), &DRAFT);
-        let light_chroma = white_chroma(&map.reduced(128).to_grid(OctahedralMap::EqualArea, 32), DQuat::IDENTITY);
-        for subject in &subjects {
-            let mut image = picture(&operator, &subject.rgb);
-            add_noise(&mut image, &format!("{light} {}", subject.name));
-            let observations = Observations::of_points(ball.clone(), &image);
-            let photograph = Photograph { model: &model, observations, light: &map, light_chroma, truth: &subject.rgb };
-            for estimator in [ColourEstimator::Blind, ColourEstimator::KnownLight] {
-                let (material, colouring, _) = estimator.posterior(&photograph)?;
-                let lit = estimator == ColourEstimator::KnownLight;
-                if !lit {
-                    let settings = EstimateSettings::default();
-                    let observations = &photograph.observations;
-                    let found = Light::of(&model, observations, &material.table, &settings, &|_| ())?;
-                    residuals.push(Residual {
-                        misfit: found.misfit,
-                        expected: expected_misfit(&material),
-                        fineness: material.fineness,
-                        gloss: material.gloss[1],
-                        name: format!("{} in {light}", subject.name),
-                    });
-                }
-                add_cells(&mut cells, subject, lit, &material, &colouring);
-                numbers.push(Numbers::of(subject, lit, &material, &colouring));
+    photographs(&model, &lights, &options.lights, &subjects, |photograph, subject, light| {
+        for estimator in [ColourEstimator::Blind, ColourEstimator::KnownLight] {
+            let (material, colouring, _) = estimator.posterior(photograph)?;
+            let lit = estimator == ColourEstimator::KnownLight;
+            if !lit {
+                let settings = EstimateSettings::default();
+                let found = Light::of(&model, &photograph.observations, &material.table, &settings, &|_| ())?;
+                residuals.push(Residual {
+                    misfit: found.misfit,
+                    expected: expected_misfit(&material),
+                    fineness: material.fineness,
+                    gloss: material.gloss[1],
+                    name: format!("{} in {light}", subject.name),
+                });
             }
-            progress.step();
+            add_cells(&mut cells, subject, lit, &material, &colouring);
+            numbers.push(Numbers::of(subject, lit, &material, &colouring));
         }
-    }
-    progress.finish();
+        Ok(())
+    })?;
     print!("{}{}{}", report(&cells), report_of_numbers(&numbers), report_of_residuals(&residuals));
     Ok(())
 }
@@ -158,16 +138,18 @@ fn add_cells(cells: &mut Vec<Cell>, subject: &Subject, lit: bool, material: &Mat
         Colouring::Estimate(found) => Some(found.draws.as_slice()),
         _ => None,
     };
-    let channel_quantiles = colouring.quantiles(material);
+    let (channel_quantiles, grey) = (colouring.quantiles(material), [ChromaField::GREY]);
     let floor = scale * DARK;
     for channel in 0..4 {
         let (table, quantiles) = match channel {
             0 => (&truth, &material.quantiles),
             c => (&subject.rgb[c - 1], &channel_quantiles[c - 1]),
         };
-        let logs = logs_of_draws(material, colours.filter(|_| channel > 0), channel);
+        let fields = colours.filter(|_| channel > 0).unwrap_or(&grey);
+        let logs = material.posterior.channel_logs(fields, channel.max(1) - 1);
         for cell in trusted_cells().step_by(CELL_STEP) {
-            let mut values: Vec<f64> = logs.iter().map(|log| f64::from(log[cell]).max(floor.ln())).collect();
+            let mut values: Vec<f64> =
+                logs.iter().map(|log| (f64::from(log[cell]) + material.scale.ln()).max(floor.ln())).collect();
             values.sort_by(f64::total_cmp);
             let quantile = |share: f64| values[(share * values.len() as f64) as usize];
             let value = (scale * f64::from(table.as_slice()[cell])).max(floor);
@@ -219,26 +201,6 @@ impl Numbers {
             highlight: chroma(|found| &found.highlight, field.highlight(&truth)),
         }
     }
-}
-
-/// Logarithms of the cells of the draws, on the scale of the estimate's geometric mean.
-fn logs_of_draws(material: &Material, colours: Option<&[ChromaField]>, channel: usize) -> Vec<Vec<f32>> {
-    let level = |logs: &[f32]| {
-        let all = trusted_cells().map(|c| f64::from(logs[c]));
-        all.sum::<f64>() / trusted_cells().count() as f64
-    };
-    let logs_of = |table: &BivariateTable| table.as_slice().iter().map(|v| v.max(1e-12).ln()).collect::<Vec<f32>>();
-    let whole = level(&logs_of(&material.table));
-    let logs = |(at, table): (usize, &BivariateTable)| {
-        let mut logs = logs_of(table);
-        let shift = (whole - level(&logs)) as f32;
-        let ratios = colours.and_then(|fields| fields[at % fields.len()].ratios(channel.max(1) - 1));
-        for cell in 0..logs.len() {
-            logs[cell] += shift + ratios.map_or(0.0, |ratios| ratios[cell].max(1e-12).ln());
-        }
-        logs
-    };
-    material.posterior.draws.iter().enumerate().map(logs).collect()
 }
 
 /// Spread that the interval of this index needs to hold this share of the cells.

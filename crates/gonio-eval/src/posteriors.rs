@@ -7,11 +7,12 @@ use anyhow::{Context, Result};
 use clap::builder::RangedU64ValueParser;
 use glam::{DQuat, DVec3};
 use gonio::appearance::{DiskImage, Sample};
+use gonio::colour::ColourModel;
 use gonio::inference::learnt::LearntPosterior;
 use gonio::reflectance::{BivariateTable, Dictionary, DictionarySettings, LogBasis};
 use gonio::scene::{ObservationSettings, sphere_points};
 use gonio::shape::SurfacePoint;
-use gonio::simulation::{Stock, StockSettings};
+use gonio::simulation::{ColourStock, Stock, StockSettings};
 use gonio_io::cache::Cache;
 use gonio_io::model::{decode_posterior, encode_posterior};
 use gonio_train::{Monitor, TrainingSettings};
@@ -106,6 +107,44 @@ fn train(
     let (learnt, _) = gonio_train::learn(&mut stock, None, &learning.training, None, &Monitor::new(&step))?;
     progress.finish();
     Ok(learnt)
+}
+
+/// Version of the learning of colours, part of the key in the cache.
+const COLOUR_VERSION: u32 = 1;
+
+/// Learns the model of colours from the channels of materials in every `stride`-th light, or loads
+/// it from the cache.
+pub(crate) fn colours(
+    cache: &Cache,
+    learnt: &LearntPosterior,
+    mut materials: Vec<[BivariateTable; 3]>,
+    lights: &Lights,
+    stride: usize,
+) -> Result<ColourModel> {
+    materials.iter_mut().flatten().for_each(BivariateTable::extend_from_trusted);
+    let names: Vec<String> = lights.names().into_iter().step_by(stride).collect();
+    let mut hasher = blake3::Hasher::new();
+    hasher.update(format!("colours {COLOUR_VERSION} {}", learnt.id()).as_bytes());
+    for value in materials.iter().flatten().flat_map(BivariateTable::as_slice) {
+        hasher.update(&value.to_le_bytes());
+    }
+    for name in &names {
+        hasher.update(lights.fingerprint(name)?.as_bytes());
+    }
+    let key = format!("colours-{}", hasher.finalize().to_hex());
+    if let Some(found) = cache.load(&key).and_then(|bytes| serde_json::from_slice(&bytes).ok()) {
+        return Ok(found);
+    }
+    let mut stock = ColourStock::new(learnt, materials);
+    let progress = Progress::new("learning colours", names.len());
+    for name in &names {
+        stock.add_light(&lights.map(name)?);
+        progress.step();
+    }
+    progress.finish();
+    let found = stock.learn();
+    cache.store(&key, &serde_json::to_vec(&found)?)?;
+    Ok(found)
 }
 
 /// Dictionary of these materials to draw from, not to learn with.

@@ -16,18 +16,16 @@ use clap::ValueEnum;
 use glam::{DQuat, Vec3};
 use gonio::colour::{Chroma, ChromaField, ColourModel, white_chroma};
 use gonio::model::Model;
-use gonio::picture::luminance;
 use gonio::reflectance::{BivariateTable, brdf_scale, trusted_cells};
 use gonio::render::{LightTree, Relighter};
 use gonio::scene::{ObservationSettings, Observations, sphere_points};
 use gonio::shape::SurfacePoint;
-use gonio::simulation::ColourStock;
 use gonio::sphere::OctahedralMap;
 use gonio_io::cache::Cache;
 
 use crate::bench::{DRAFT, Progress};
 use crate::data::Lights;
-use crate::metrics::{mean, median, relight};
+use crate::metrics::{luminances, mean, median, relight, relight_rgb};
 use crate::outside;
 use crate::posteriors;
 use estimators::Found;
@@ -59,11 +57,8 @@ pub(crate) struct Options {
     stride: u32,
 }
 
-/// Version of the learning of colours, part of the key in the cache.
-const VERSION: u32 = 1;
-
 /// Number of normals on the sphere that estimates are relit on.
-const RELIT_NORMALS: usize = 1_500;
+pub(crate) const RELIT_NORMALS: usize = 1_500;
 
 /// Noise of photographs, relative to each pixel.
 const NOISE: f64 = 0.01;
@@ -120,27 +115,46 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
     let estimators = if options.estimators.is_empty() { all } else { &options.estimators };
     std::fs::create_dir_all(&options.out).with_context(|| options.out.display().to_string())?;
     let mut records = Vec::new();
-    let progress = Progress::new("photographs", options.lights.len() * subjects.len());
-    for (at, light) in options.lights.iter().enumerate() {
+    photographs(&model, &lights, &options.lights, &subjects, |photograph, subject, light| {
+        for &estimator in estimators {
+            let found = estimator.estimate(photograph)?;
+            records.push(judge(subject, light, estimator, &found, &others, photograph.light_chroma));
+        }
+        Ok(())
+    })?;
+    gonio_io::atomic::write_file(options.out.join("colour.csv"), csv(&records).as_bytes())?;
+    print!("{}", summary(&records, estimators));
+    Ok(())
+}
+
+/// Photographs every subject in every light of these names, seen from another side in each, and
+/// calls `each` with the photograph, the subject and the name of the light.
+///
+/// # Errors
+/// If a light cannot be read; errors of `each`.
+pub(crate) fn photographs(
+    model: &Model,
+    lights: &Lights,
+    names: &[String],
+    subjects: &[Subject],
+    mut each: impl FnMut(&Photograph<'_>, &Subject, &str) -> Result<()>,
+) -> Result<()> {
+    let tables: Vec<BivariateTable> = subjects.iter().map(|s| BivariateTable::luminance(&s.rgb)).collect();
+    let ball = posteriors::ball(DQuat::IDENTITY);
+    let progress = Progress::new("photographs", names.len() * subjects.len());
+    for (at, light) in names.iter().enumerate() {
         let map = lights.map(light)?.rotated(DQuat::from_rotation_y(137.5_f64.to_radians() * at as f64));
-        let ball = posteriors::ball(DQuat::IDENTITY);
         let operator = Relighter::of_channels(&ball, &tables, &LightTree::of_map(&map), &DRAFT);
         let light_chroma = white_chroma(&map.reduced(128).to_grid(OctahedralMap::EqualArea, 32), DQuat::IDENTITY);
-        for subject in &subjects {
+        for subject in subjects {
             let mut image = picture(&operator, &subject.rgb);
             add_noise(&mut image, &format!("{light} {}", subject.name));
             let observations = Observations::of_points(ball.clone(), &image);
-            let photograph = Photograph { model: &model, observations, light: &map, light_chroma, truth: &subject.rgb };
-            for &estimator in estimators {
-                let found = estimator.estimate(&photograph)?;
-                records.push(judge(subject, light, estimator, &found, &others, light_chroma));
-            }
+            each(&Photograph { model, observations, light: &map, light_chroma, truth: &subject.rgb }, subject, light)?;
             progress.step();
         }
     }
     progress.finish();
-    gonio_io::atomic::write_file(options.out.join("colour.csv"), csv(&records).as_bytes())?;
-    print!("{}", summary(&records, estimators));
     Ok(())
 }
 
@@ -149,23 +163,9 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
 fn learn(data: &Path, model: &Model, stride: u32) -> Result<ColourModel> {
     let learnt = model.learnt.as_ref().context("the embedded model has no posterior of materials")?;
     let cache = Cache::user().context("no cache folder; GONIO_CACHE_DIR names one")?;
-    let key = format!("colours-{VERSION}-{}-{stride}", learnt.id());
-    if let Some(found) = cache.load(&key).and_then(|bytes| serde_json::from_slice(&bytes).ok()) {
-        return Ok(found);
-    }
     let merl = gonio_io::bivariate::read_bivariate_set(data.join("merl"))?;
-    let mut stock = ColourStock::new(learnt, merl.into_iter().map(|(_, rgb)| rgb).collect());
-    let lights = Lights::training(data)?;
-    let names: Vec<String> = lights.names().into_iter().step_by(stride as usize).collect();
-    let progress = Progress::new("learning colours", names.len());
-    for name in &names {
-        stock.add_light(&lights.map(name)?);
-        progress.step();
-    }
-    progress.finish();
-    let found = stock.learn();
-    cache.store(&key, &serde_json::to_vec(&found)?)?;
-    Ok(found)
+    let materials = merl.into_iter().map(|(_, rgb)| rgb).collect();
+    posteriors::colours(&cache, learnt, materials, &Lights::training(data)?, stride as usize)
 }
 
 /// Materials that nothing was learnt from.
@@ -193,7 +193,7 @@ pub(crate) fn subjects(data: &Path) -> Result<Vec<Subject>> {
 }
 
 /// Points of a sphere within 80 degrees of the view.
-fn points(normals: usize) -> Vec<SurfacePoint> {
+pub(crate) fn points(normals: usize) -> Vec<SurfacePoint> {
     let settings = ObservationSettings { normals, ..ObservationSettings::default() };
     sphere_points(&settings).into_iter().filter(|p| p.normal.z > 80.0_f64.to_radians().cos()).collect()
 }
@@ -205,7 +205,7 @@ pub(crate) fn picture(operator: &[Relighter; 3], rgb: &[BivariateTable; 3]) -> V
 }
 
 /// Adds independent noise to the channels of every pixel, seeded by a key.
-pub(crate) fn add_noise(image: &mut [Vec3], key: &str) {
+fn add_noise(image: &mut [Vec3], key: &str) {
     for c in 0..3 {
         let mut logs = vec![1.0; image.len()];
         crate::bench::add_noise(&mut logs, NOISE, &format!("{key} {c}"));
@@ -222,17 +222,15 @@ fn judge(
     light_chroma: Chroma,
 ) -> Record {
     let mut errors = [const { Vec::new() }; 4];
-    let [r, b] = light_chroma.0;
+    let of_light = light_chroma.rgb().as_vec3();
     for operator in others {
         let (got, want) = (picture(operator, &found.tables), picture(operator, &subject.rgb));
-        let flat = |p: &[Vec3]| p.iter().flat_map(|c| c.to_array().map(f64::from)).collect::<Vec<f64>>();
-        let grey = |p: &[Vec3]| p.iter().map(|c| f64::from(luminance(*c))).collect::<Vec<f64>>();
-        let chroma = |p: &[Vec3]| Chroma::of(p.iter().map(|c| c.as_dvec3()).sum());
-        errors[0].push(relight(&flat(&got), &flat(&want)).relative);
-        errors[1].push(relight(&grey(&got), &grey(&want)).relative);
-        let (got, want) = (chroma(&got), chroma(&want));
-        errors[2].push(got.distance(want));
-        errors[3].push(Chroma([got.0[0] - r, got.0[1] - b]).distance(want));
+        let rgb = relight_rgb(&got, &want);
+        errors[0].push(rgb.relative);
+        errors[1].push(relight(&luminances(&got), &luminances(&want)).relative);
+        errors[2].push(rgb.mean_chroma);
+        let apart: Vec<Vec3> = got.iter().map(|rgb| *rgb / of_light).collect();
+        errors[3].push(relight_rgb(&apart, &want).mean_chroma);
     }
     let tables = [&found.tables, &subject.rgb].map(BivariateTable::luminance);
     let body = |rgb: &[BivariateTable; 3], table| ChromaField::of_tables(rgb).body(table);

@@ -1,8 +1,8 @@
 //! Measures of the error of estimates. All are invariant to the common scale of reflectance, which
 //! the problem leaves open.
 //!
-//! * [`relight`], [`brdf_error`]: error of an estimate in rendered pictures, and over the domain of
-//!   the BRDF.
+//! * [`relight`], [`relight_rgb`], [`brdf_error`]: error of an estimate in rendered pictures, in
+//!   luminance and in RGB, and over the domain of the BRDF.
 //! * [`Gloss`]: height and width of the highlight; [`spearman`] compares the order of materials.
 //! * [`coverage()`]: share of the domain on which intervals contain the reference.
 //! * [`median_interval`], [`win_rate`]: uncertainty of a median, and comparison of two estimators.
@@ -15,5 +15,5 @@ mod statistics;
 pub(crate) use coverage::coverage;
 pub(crate) use gloss::{Class, Gloss};
 pub(crate) use gonio::reflectance::{brdf_error, log_fit};
-pub(crate) use scale_free::{Relight, relight, sphere_pixels};
+pub(crate) use scale_free::{Relight, RgbRelight, luminances, relight, relight_rgb, sphere_pixels};
 pub(crate) use statistics::{Interval, mean, median, median_interval, spearman, win_rate};

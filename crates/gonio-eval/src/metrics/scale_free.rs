@@ -1,5 +1,7 @@
 //! Relight error: invariant to the common scale, which a photograph does not determine.
 
+use glam::Vec3;
+use gonio::colour::Chroma;
 use gonio::picture::{Picture, luminance};
 use gonio::reflectance::log_fit;
 
@@ -13,6 +15,15 @@ pub(crate) struct Relight {
     pub(crate) log: f64,
     /// The `s` of the log version: the scale at which the estimate is shown beside the reference.
     pub(crate) scale: f64,
+}
+
+/// Errors of an RGB picture.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct RgbRelight {
+    /// `min_s |s I^ - I| / |I|` over all pixels and channels: one scale for the three channels.
+    pub(crate) relative: f64,
+    /// Distance of the chroma of the mean pixel from that of the reference, in natural logarithms.
+    pub(crate) mean_chroma: f64,
 }
 
 /// Luminances of the pixels of a sphere picture whose normal is within 80 degrees of the view.
@@ -39,9 +50,39 @@ pub(crate) fn relight(estimate: &[f64], reference: &[f64]) -> Relight {
     Relight { relative, log, scale }
 }
 
+/// Compares RGB pictures of the same pixels under the same light.
+pub(crate) fn relight_rgb(estimate: &[Vec3], reference: &[Vec3]) -> RgbRelight {
+    let flat = |picture: &[Vec3]| picture.iter().flat_map(|rgb| rgb.to_array().map(f64::from)).collect::<Vec<f64>>();
+    let chroma = |picture: &[Vec3]| Chroma::of(picture.iter().map(|rgb| rgb.as_dvec3()).sum());
+    RgbRelight {
+        relative: relight(&flat(estimate), &flat(reference)).relative,
+        mean_chroma: chroma(estimate).distance(chroma(reference)),
+    }
+}
+
+/// Luminances of the pixels of an RGB picture.
+pub(crate) fn luminances(picture: &[Vec3]) -> Vec<f64> {
+    picture.iter().map(|rgb| f64::from(luminance(*rgb))).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// In one colour throughout, the error is the sine of the angle between the two colours.
+    #[test]
+    fn rgb_errors_are_those_of_the_colours() {
+        let values: Vec<f32> = (0..500).map(|i| 1.0 + (i % 17) as f32).collect();
+        let picture = |colour: Vec3| values.iter().map(|v| colour * *v).collect::<Vec<Vec3>>();
+        let (truth, wrong) = (Vec3::new(0.7, 0.4, 0.2), Vec3::new(0.3, 0.4, 0.9));
+        let same = relight_rgb(&picture(3.0 * truth), &picture(truth));
+        assert!(same.relative < 1e-6 && same.mean_chroma < 1e-6, "{same:?}");
+        let other = relight_rgb(&picture(wrong), &picture(truth));
+        let sine = f64::from(truth.cross(wrong).length() / truth.length() / wrong.length());
+        assert!((other.relative - sine).abs() < 1e-6, "{other:?} {sine}");
+        let chroma = ((0.3_f64 / 0.4).ln() - (0.7_f64 / 0.4).ln()).hypot((0.9_f64 / 0.4).ln() - (0.2_f64 / 0.4).ln());
+        assert!((other.mean_chroma - chroma).abs() < 1e-6, "{other:?} {chroma}");
+    }
 
     #[test]
     fn identical_and_scaled_pictures_score_zero() {

@@ -32,5 +32,5 @@ pub use learn::ColourSample;
 #[cfg(test)]
 pub(crate) use model::tests::plain;
 pub use model::{ColourModel, DifferencePosterior, LightComponent};
-pub(crate) use white::is_grey;
-pub use white::white_chroma;
+pub(crate) use model::{DRAW_FREEDOM, DRAW_INFLATION};
+pub use white::{is_grey, white_chroma};

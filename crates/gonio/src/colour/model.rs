@@ -24,13 +24,14 @@ const FREE_VARIANCE: f64 = 25.0;
 /// cent.
 const GIVEN: f64 = 0.02;
 
-/// Factor on the deviations of draws of the differences: real photographs and materials differ from
-/// the simulated ones (`gonio-eval calibration`).
-const INFLATION: f64 = 1.5;
+/// Factor on the deviations of draws of the differences, blind and under a known light: photographs
+/// and materials differ from the simulated ones, the posterior under a known light is the Gaussian
+/// of one linearisation, and neither light nor table is exact (`gonio-eval calibration`).
+pub(crate) const DRAW_INFLATION: f64 = 1.5;
 
 /// Degrees of freedom of Student's distribution of these draws: some materials differ far more than
 /// others.
-const FREEDOM: f64 = 3.0;
+pub(crate) const DRAW_FREEDOM: f64 = 3.0;
 
 /// Largest absolute logarithm of a channel relative to the luminance, before its albedo is set.
 const LIMIT: f32 = 12.0;
@@ -219,7 +220,8 @@ impl DifferencePosterior {
 
     /// Draws coefficients and the error of the chroma of the light.
     fn draw(&self, rng: &mut Pcg64) -> ([Vec<f64>; 3], Chroma) {
-        let scale = INFLATION * (FREEDOM / ChiSquared::new(FREEDOM).expect("FREEDOM is positive").sample(rng)).sqrt();
+        let scale =
+            DRAW_INFLATION * (DRAW_FREEDOM / ChiSquared::new(DRAW_FREEDOM).expect("it is positive").sample(rng)).sqrt();
         let coefficients = std::array::from_fn(|c| {
             let white: Vec<f64> = self.means[c].iter().map(|_| StandardNormal.sample(rng)).collect();
             let step = |i: usize| (0..white.len()).map(|j| self.factors[c][(i, j)] * white[j]).sum::<f64>();

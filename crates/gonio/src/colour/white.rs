@@ -7,7 +7,7 @@ use crate::lighting::LightGrid;
 use crate::sphere::fibonacci_hemisphere;
 
 /// Whether all colours are grey, up to rounding.
-pub(crate) fn is_grey<'a>(colours: impl IntoIterator<Item = &'a Vec3>) -> bool {
+pub fn is_grey<'a>(colours: impl IntoIterator<Item = &'a Vec3>) -> bool {
     colours.into_iter().all(|c| c.max_element() - c.min_element() <= 1e-5 * c.max_element().abs())
 }
 

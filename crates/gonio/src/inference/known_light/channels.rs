@@ -19,7 +19,7 @@ use super::fit::{Fit, FitPrior, Image};
 use super::light::{GivenLight, Operator};
 use super::space::Space;
 use super::{KnownLightError, KnownLightPosterior, Materials, Rows};
-use crate::colour::{ChromaField, ColourModel};
+use crate::colour::{ChromaField, ColourModel, DRAW_FREEDOM, DRAW_INFLATION};
 use crate::reflectance::BivariateTable;
 
 /// Largest number of observations for the channels. Colours vary more slowly than luminance.
@@ -37,14 +37,6 @@ const CHANNEL: FitPrior = FitPrior {
     constant_precision: 0.1,
     least_discrepancy: 0.01,
 };
-
-/// Factor on the deviations of draws: the posterior is the Gaussian of one linearisation, and
-/// neither the light nor the table is exact (`gonio-eval calibration`).
-const INFLATION: f64 = 1.5;
-
-/// Degrees of freedom of Student's distribution of these draws, since the model describes some
-/// materials far less well than others.
-const FREEDOM: f64 = 3.0;
 
 /// Relative root mean square change of the image's luminance by the colours above which the
 /// luminance is re-estimated. Cameras are accurate to about one percent.
@@ -152,9 +144,9 @@ impl ChannelPosterior {
     pub fn draws(&self, count: usize, seed: u64) -> Vec<ChromaField> {
         let mut rng = Pcg64::seed_from_u64(seed);
         let size = self.space.len();
-        let spread = ChiSquared::new(FREEDOM).expect("the degrees of freedom are positive");
+        let spread = ChiSquared::new(DRAW_FREEDOM).expect("the degrees of freedom are positive");
         let mut white = || -> [Vec<f64>; 3] {
-            let scale: f64 = INFLATION * (FREEDOM / spread.sample(&mut rng)).sqrt();
+            let scale: f64 = DRAW_INFLATION * (DRAW_FREEDOM / spread.sample(&mut rng)).sqrt();
             let mut normal = || scale * Distribution::<f64>::sample(&StandardNormal, &mut rng);
             std::array::from_fn(|_| (0..size).map(|_| normal()).collect())
         };

@@ -101,13 +101,30 @@ impl MaterialPosterior {
     /// # Panics
     /// If there are no chromas.
     pub fn channel_quantiles(&self, fields: &[ChromaField], channel: usize, shares: &[f64]) -> Vec<Vec<f32>> {
+        self.quantiles_of(&self.relative_channel_logs(fields, channel), shares)
+    }
+
+    /// Logarithms of a channel of each draw, `[draw][cell]`, scaled like [`Self::quantiles`] but
+    /// without the errors of [`Self::spread`]. Draws and chromas are paired in turn; those of grey
+    /// fields are the luminance.
+    ///
+    /// # Panics
+    /// If there are no chromas.
+    pub fn channel_logs(&self, fields: &[ChromaField], channel: usize) -> Vec<Vec<f32>> {
+        let (mut logs, level) = (self.relative_channel_logs(fields, channel), log_level(&self.mean) as f32);
+        logs.iter_mut().flatten().for_each(|log| *log += level);
+        logs
+    }
+
+    /// The same relative to the geometric mean of the luminance of each draw.
+    fn relative_channel_logs(&self, fields: &[ChromaField], channel: usize) -> Vec<Vec<f32>> {
         let mut logs = relative_logs(&self.draws);
         logs.par_iter_mut().enumerate().for_each(|(at, logs)| {
             if let Some(ratios) = fields[at % fields.len()].ratios(channel) {
                 logs.iter_mut().zip(ratios).for_each(|(log, ratio)| *log += ratio.ln());
             }
         });
-        self.quantiles_of(&logs, shares)
+        logs
     }
 
     fn quantiles_of(&self, logs: &[Vec<f32>], shares: &[f64]) -> Vec<Vec<f32>> {

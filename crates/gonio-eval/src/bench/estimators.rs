@@ -1,16 +1,19 @@
 //! The estimators that are compared: trivial answers, oracles, and the methods of the library.
 
 use anyhow::{Context, Result};
-use glam::{DQuat, DVec3};
+use glam::{DQuat, DVec3, Vec3};
+use gonio::colour::{ChromaField, is_grey};
+use gonio::estimate::{Colouring, ColouringRule};
 use gonio::inference::known_light::{Alignment, GivenLight, KnownLightPosterior, Materials, Operator, Rows};
 use gonio::inference::learnt::MaterialPosterior;
 use gonio::inference::{JointMapSettings, Method, Posterior, Problem, Solver, VariationalSettings, infer};
 use gonio::lighting::EnvironmentMap;
 use gonio::reflectance::BivariateTable;
+use gonio::scene::Observations;
 use gonio::transfer::Projected;
 use serde::{Deserialize, Serialize};
 
-use super::learning::Knowledge;
+use super::learning::{Knowledge, MaterialSpace};
 use super::options::Separable;
 use crate::metrics::brdf_error;
 use crate::posteriors::on_disk;
@@ -18,6 +21,8 @@ use crate::posteriors::on_disk;
 /// A photograph with everything that an estimator or an oracle may look at.
 pub(crate) struct Photograph<'a> {
     pub(crate) knowledge: &'a Knowledge,
+    /// Linear RGB of every point.
+    pub(crate) colours: &'a [Vec3],
     /// Luminance of every point.
     pub(crate) image: &'a [Option<f64>],
     /// The image projected onto the rows of the plan.
@@ -28,6 +33,8 @@ pub(crate) struct Photograph<'a> {
     pub(crate) under_true_light: &'a [f32],
     /// Luminance table of the true material.
     pub(crate) truth: &'a BivariateTable,
+    /// Chroma of the true material.
+    pub(crate) chroma: &'a ChromaField,
     /// Random starts of each method.
     pub(crate) starts: usize,
     /// Settings of the separable posterior and of the joint maximum.
@@ -48,6 +55,9 @@ pub(crate) struct Lit {
 pub(crate) struct Estimate {
     /// The BRDF, up to scale; `None` if the estimator failed.
     pub(crate) table: Option<BivariateTable>,
+    /// Chroma of every cell; `None` for the median colour of the photograph, in which the paper
+    /// displays its results.
+    pub(crate) chroma: Option<ChromaField>,
     /// Ends of the central 50 % and 90 % intervals of each cell, on the scale of `table`: 5, 25,
     /// 75, 95 %.
     pub(crate) quantiles: Option<[Vec<f32>; 4]>,
@@ -80,7 +90,7 @@ pub(crate) enum Estimator {
     Lambertian,
     /// The training material with the least BRDF error: an oracle.
     NearestMaterial,
-    /// The true table without `phi_d` and colour: no bivariate grey estimate has a smaller error,
+    /// The true table of each channel without `phi_d`: no bivariate estimate has a smaller error,
     /// except by luck.
     TrueBivariate,
     /// The posterior given the true light at its full resolution: an oracle.
@@ -146,6 +156,11 @@ impl Estimator {
         matches!(self, Self::TrainingMean | Self::Lambertian)
     }
 
+    /// Whether the estimator finds colours; the others are shown in the median colour.
+    pub(crate) fn finds_colours(self) -> bool {
+        matches!(self, Self::TrueBivariate | Self::KnownLight | Self::KnownLightTurned | Self::Learnt)
+    }
+
     /// Estimators compared by default.
     pub(crate) fn usual() -> Vec<Self> {
         vec![
@@ -184,8 +199,11 @@ impl Estimator {
             Self::TrainingMean => return Ok(Estimate::of(mean_of(&knowledge.training))),
             Self::Lambertian => return Ok(Estimate::of(BivariateTable::from_fn(|_, _| 1.0))),
             Self::NearestMaterial => return Ok(nearest(&knowledge.training, truth)),
-            Self::TrueBivariate => return Ok(Estimate::of(truth.clone())),
-            Self::Learnt => return learnt_posterior(knowledge, image),
+            Self::TrueBivariate => {
+                let chroma = Some(photograph.chroma.clone());
+                return Ok(Estimate { chroma, ..Estimate::of(truth.clone()) });
+            }
+            Self::Learnt => return learnt_posterior(photograph),
             Self::KnownLight => return known_light(photograph, false),
             Self::KnownLightTurned => return known_light(photograph, true),
             Self::KnownLightBasis => {
@@ -208,12 +226,13 @@ impl Estimator {
         let table = basis.combine(&posterior.reflectance)?;
         let uncertain = posterior.reflectance_sd.iter().any(|sd| *sd > 0.0);
         let quantiles = uncertain.then(|| gaussian_quantiles(&table, &basis.functions, &posterior.reflectance_sd));
-        Ok(Estimate { table: Some(table), quantiles, report: Report::of(&posterior, problem_scale) })
+        Ok(Estimate { quantiles, report: Report::of(&posterior, problem_scale), ..Estimate::of(table) })
     }
 }
 
 /// Estimates by the posterior learnt from simulated photographs.
-fn learnt_posterior(knowledge: &Knowledge, image: &[Option<f64>]) -> Result<Estimate> {
+fn learnt_posterior(photograph: &Photograph<'_>) -> Result<Estimate> {
+    let Photograph { knowledge, colours, image, .. } = *photograph;
     let learnt = knowledge.model.learnt.as_ref().context("no posterior was learnt")?;
     let posterior = learnt.posterior(&on_disk(&knowledge.points, image.iter().copied())?);
     let quantiles = posterior.quantiles(&[0.05, 0.25, 0.75, 0.95]);
@@ -221,32 +240,47 @@ fn learnt_posterior(knowledge: &Knowledge, image: &[Option<f64>]) -> Result<Esti
     let nearest = &posterior.neighbours[0];
     let note = format!("{} {:.2}", nearest.name, nearest.weight);
     let report = Report { note, ..Report::default() };
-    Ok(Estimate { table: Some(posterior.mean), quantiles: Some(quantiles), report })
+    let observations = Observations::of_points(knowledge.points.clone(), colours);
+    let rule = ColouringRule::default();
+    let chroma = Some(Colouring::of(&knowledge.model, &observations, &posterior.mean, &rule).field());
+    Ok(Estimate { table: Some(posterior.mean), chroma, quantiles: Some(quantiles), report })
 }
 
 /// Estimates by the posterior under the true light, or under its map turned by five degrees.
 fn known_light(photograph: &Photograph<'_>, turned: bool) -> Result<Estimate> {
-    let Photograph { knowledge, image, operator, .. } = *photograph;
+    let Photograph { knowledge, colours, image, operator, .. } = *photograph;
     let Lit { operator, map, step } = operator.context("no operator of the light")?;
-    let (coordinates, places) = knowledge.space.as_ref().context("no space of materials")?;
+    let MaterialSpace { coordinates, places, colours: prior } =
+        knowledge.space.as_ref().context("no space of materials")?;
     let materials = Materials::of(coordinates, places);
     let seen = knowledge.points.iter().zip(image).step_by(*step);
     let (points, values): (Vec<_>, Vec<f64>) = seen.map(|(p, v)| (*p, v.unwrap_or(0.0))).unzip();
     let trust = vec![1.0; values.len()];
     let rows = Rows { points: &points, visibility: None, values: &values, trust: &trust };
-    let found = if turned {
+    let (light, mut found) = if turned {
         let turn = DQuat::from_axis_angle(DVec3::new(1.0, 2.0, 1.0).normalize(), 5_f64.to_radians());
-        KnownLightPosterior::of(&rows, GivenLight::of_map(&map.rotated(turn)), Alignment::Near, &materials)?
+        let light = GivenLight::of_map(&map.rotated(turn));
+        let found = KnownLightPosterior::of(&rows, light.clone(), Alignment::Near, &materials)?;
+        (light, found)
     } else {
-        KnownLightPosterior::under(operator, &rows, &materials)?
+        (GivenLight::of_map(map), KnownLightPosterior::under(operator, &rows, &materials)?)
     };
+    let colours: Vec<Vec3> = colours.iter().step_by(*step).copied().collect();
+    let mut chroma = is_grey(&colours).then_some(ChromaField::GREY);
+    if chroma.is_none() {
+        let colours: Vec<DVec3> = colours.iter().map(|rgb| rgb.as_dvec3()).collect();
+        // A black channel has no solution; the estimate is then in the median colour.
+        if let Ok((anew, channels)) = found.clone().with_channels(&rows, &colours, &light, &materials, prior) {
+            (found, chroma) = (anew, Some(channels.field()));
+        }
+    }
     let posterior = MaterialPosterior::of_gaussian(coordinates, found.gaussian()?, Vec::new());
     let posterior = posterior.context("the posterior is not a Gaussian")?;
     let quantiles = posterior.quantiles(&[0.05, 0.25, 0.75, 0.95]).try_into().ok().context("four quantiles")?;
     let angle = found.turn.to_scaled_axis().length().to_degrees();
     let note = format!("noise {:.3}, discrepancy {:.3}, turn {angle:.1}", found.noise, found.discrepancy);
     let report = Report { converged: Some(found.settled), noise: Some(found.misfit), note, ..Report::default() };
-    Ok(Estimate { table: Some(posterior.mean), quantiles: Some(quantiles), report })
+    Ok(Estimate { table: Some(posterior.mean), chroma, quantiles: Some(quantiles), report })
 }
 
 fn rms(image: &Projected) -> f64 {
@@ -289,7 +323,7 @@ fn nearest(tables: &[(String, BivariateTable)], truth: &BivariateTable) -> Estim
     match errors.min_by(|a, b| a.0.total_cmp(&b.0)) {
         Some((_, name, table)) => {
             let report = Report { note: name.clone(), ..Report::default() };
-            Estimate { table: Some(table.clone()), quantiles: None, report }
+            Estimate { report, ..Estimate::of(table.clone()) }
         }
         None => Estimate::default(),
     }

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use glam::Vec3;
+use gonio::colour::ChromaField;
 use gonio::reflectance::BivariateTable;
 use gonio::render::Relighter;
 use serde::{Deserialize, Serialize};
@@ -13,7 +14,8 @@ use super::estimators::{Estimate, Estimator, Report};
 use super::grid::{Protocol, Unit};
 use super::renders::Render;
 use super::stage::Stage;
-use crate::metrics::{Gloss, brdf_error, coverage, mean, relight};
+use crate::colour::picture;
+use crate::metrics::{Gloss, RgbRelight, brdf_error, coverage, luminances, mean, relight, relight_rgb};
 
 /// One cell of the grid: the result of one estimator on one photograph.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -56,6 +58,25 @@ pub(crate) struct Relit {
     pub(crate) relative: f64,
     /// Rms of the logarithm of the ratio.
     pub(crate) log: f64,
+    /// Errors in RGB.
+    pub(crate) rgb: RgbErrors,
+}
+
+/// RGB relight errors of one luminance estimate in several colours, with one scale for all
+/// channels.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct RgbErrors {
+    /// In the colours that the estimator found, or else in the median colour.
+    pub(crate) estimate: f64,
+    /// In the median colour of the photograph: the paper's display rule.
+    pub(crate) median: f64,
+    /// In grey.
+    pub(crate) grey: f64,
+    /// In the true chroma of every cell: an oracle.
+    pub(crate) true_chroma: f64,
+    /// Distance of the chroma of the mean pixel from the true one, `(ln R/G, ln B/G)`, for
+    /// `estimate`.
+    pub(crate) mean_chroma: f64,
 }
 
 impl Record {
@@ -74,6 +95,20 @@ impl Record {
         }
     }
 
+    /// Mean of an RGB error over the lights; one, that of a black picture, without an estimate.
+    pub(crate) fn rgb(&self, error: fn(&RgbErrors) -> f64) -> f64 {
+        if self.relight.is_empty() {
+            1.0
+        } else {
+            mean(&self.relight.iter().map(|r| error(&r.rgb)).collect::<Vec<_>>())
+        }
+    }
+
+    /// Mean distance of the mean chroma over the lights; `None` without an estimate.
+    pub(crate) fn mean_chroma(&self) -> Option<f64> {
+        (!self.relight.is_empty()).then(|| self.rgb(|errors| errors.mean_chroma))
+    }
+
     /// Path of the record's file, relative to the folder of cells.
     pub(crate) fn file(&self) -> String {
         file(self.protocol, &self.material, &self.light, self.estimator)
@@ -90,10 +125,13 @@ pub(crate) struct Reference<'a> {
     pub(crate) unit: &'a Unit,
     pub(crate) name: &'a str,
     pub(crate) full_table: bool,
-    pub(crate) truth: &'a BivariateTable,
+    /// Luminance table of the true material, and its chroma.
+    pub(crate) truth: (&'a BivariateTable, &'a ChromaField),
+    /// Median colour of the photograph, of luminance one.
+    pub(crate) median: Vec3,
     pub(crate) stage: &'a Stage,
-    /// Name, relighting operator and reference picture of each light.
-    pub(crate) lights: Vec<(&'a str, &'a Relighter, &'a Render)>,
+    /// Name, relighting operators of red, green and blue, and reference picture of each light.
+    pub(crate) lights: Vec<(&'a str, &'a [Relighter; 3], &'a Render)>,
     pub(crate) left_over: f64,
     /// The photograph, as in [`Record::photograph`].
     pub(crate) photograph: String,
@@ -121,15 +159,23 @@ impl Reference<'_> {
             Err(error) => (Estimate::default(), Some(format!("{error:#}"))),
         };
         let table = estimate.table.as_ref();
-        let mut picture = String::new();
+        let (truth, _) = self.truth;
+        let mut shown = String::new();
         let mut errors = Vec::new();
-        for (at, (light, relighter, reference)) in self.lights.iter().enumerate() {
+        for (at, &(light, relighters, reference)) in self.lights.iter().enumerate() {
             let Some(table) = table else { break };
-            let values = relighter.render(table);
-            let error = relight(&self.stage.counted(&values), &self.stage.counted(&reference.luminance));
-            errors.push(Relit { light: (*light).to_owned(), relative: error.relative, log: error.log });
+            let reference = reference.colours();
+            let coloured = self.coloured(table, estimate.chroma.as_ref(), relighters);
+            let counted = |picture: &[Vec3]| self.stage.counted(picture);
+            let against = |picture: &[Vec3]| relight_rgb(&counted(picture), &counted(&reference));
+            let luminance = relight(&luminances(&counted(&coloured.luminance)), &luminances(&counted(&reference)));
+            let RgbRelight { relative: estimate, mean_chroma } = against(&coloured.estimate);
+            let [median, grey, true_chroma] =
+                [&coloured.median, &coloured.luminance, &coloured.true_chroma].map(|picture| against(picture).relative);
+            let rgb = RgbErrors { estimate, median, grey, true_chroma, mean_chroma };
+            errors.push(Relit { light: light.to_owned(), relative: luminance.relative, log: luminance.log, rgb });
             if at == 0 {
-                picture = encoded(self.stage, &values, error.scale, reference);
+                shown = encoded(self.stage, &coloured.estimate, luminance.scale, &reference);
             }
         }
         Record {
@@ -140,24 +186,106 @@ impl Reference<'_> {
             estimator,
             full_table: self.full_table,
             relight: errors,
-            brdf: table.map(|t| brdf_error(t, self.truth)),
-            gloss: table.map(|t| [Gloss::of(t), Gloss::of(self.truth)]),
-            coverage: table.zip(estimate.quantiles.as_ref()).map(|(t, q)| coverage(t, q, self.truth)),
+            brdf: table.map(|t| brdf_error(t, truth)),
+            gloss: table.map(|t| [Gloss::of(t), Gloss::of(truth)]),
+            coverage: table.zip(estimate.quantiles.as_ref()).map(|(t, q)| coverage(t, q, truth)),
             left_over: self.left_over,
             seconds,
             report: estimate.report,
             failure,
             photograph: self.photograph.clone(),
-            picture,
+            picture: shown,
+        }
+    }
+
+    /// Relights a luminance table in several colours.
+    fn coloured(&self, table: &BivariateTable, chroma: Option<&ChromaField>, relighters: &[Relighter; 3]) -> Coloured {
+        let in_field = |field: &ChromaField| picture(relighters, &field.tables(table));
+        let luminance = in_field(&ChromaField::GREY);
+        let median: Vec<Vec3> = luminance.iter().map(|rgb| *rgb * self.median).collect();
+        Coloured {
+            estimate: chroma.map_or_else(|| median.clone(), in_field),
+            true_chroma: in_field(self.truth.1),
+            median,
+            luminance,
         }
     }
 }
 
-/// Encodes `scale * values` in the colour and at the exposure of `like` as a PNG in base64.
-pub(crate) fn encoded(stage: &Stage, values: &[f64], scale: f64, like: &Render) -> String {
-    let exposure = stage.exposure(&like.luminance);
-    STANDARD.encode(stage.png(values, scale, exposure, Vec3::from_array(like.colour)))
+/// Pictures of a luminance table under one light, in several colours.
+struct Coloured {
+    estimate: Vec<Vec3>,
+    median: Vec<Vec3>,
+    true_chroma: Vec<Vec3>,
+    /// In grey.
+    luminance: Vec<Vec3>,
+}
+
+/// Encodes `scale` times a picture at the exposure of `like` as a PNG in base64.
+pub(crate) fn encoded(stage: &Stage, picture: &[Vec3], scale: f64, like: &[Vec3]) -> String {
+    STANDARD.encode(stage.png(picture, scale, stage.exposure(&luminances(like))))
 }
 
 /// Records by protocol, material, light and estimator.
 pub(crate) type Records = BTreeMap<(Protocol, String, String, Estimator), Record>;
+
+#[cfg(test)]
+mod tests {
+    use gonio::colour::Chroma;
+    use gonio::lighting::EnvironmentMap;
+    use gonio::picture::Plane;
+    use gonio::render::LightTree;
+
+    use super::*;
+    use crate::bench::DRAFT;
+
+    /// A material of one colour in a light of one colour: right colours have no error, and wrong
+    /// ones that of the angle between the colours.
+    #[test]
+    fn rgb_errors_are_those_of_planted_colours() {
+        let of_light = Vec3::new(0.5, 1.0, 0.8);
+        let map = EnvironmentMap::new(Plane::from_fn(16, 8, |_, y| of_light * (1.0 + y as f32))).unwrap();
+        let table = BivariateTable::from_fn(|h, _| 0.1 + 2.0 * (-(h / 0.2).powi(2)).exp());
+        let (chroma, wrong) = (Chroma([0.8, -0.6]), Chroma([-0.5, 0.4]));
+        let field = ChromaField::uniform(chroma);
+        let stage = Stage::new(20);
+        let tree = LightTree::of_map(&map);
+        let relighters = Relighter::of_channels(&stage.points, std::slice::from_ref(&table), &tree, &DRAFT);
+        let truth = picture(&relighters, &field.tables(&table));
+        let render = Render { rgb: truth.iter().map(|rgb| rgb.to_array()).collect() };
+        let median = chroma.rgb().as_vec3() * of_light;
+        let unit = Unit { protocol: Protocol::All, material: 0, light: "l".into() };
+        let reference = Reference {
+            unit: &unit,
+            name: "m",
+            full_table: true,
+            truth: (&table, &field),
+            median,
+            stage: &stage,
+            lights: vec![("light", &relighters, &render)],
+            left_over: 0.0,
+            photograph: String::new(),
+        };
+        let judged = |chroma: Option<ChromaField>| {
+            let estimate = Estimate { table: Some(table.scaled(7.0)), chroma, ..Estimate::default() };
+            reference.judge(Estimator::Learnt, "k".into(), 0.0, Ok(estimate))
+        };
+        let sine = |a: Vec3, b: Vec3| f64::from(a.cross(b).length() / a.length() / b.length());
+        let true_colour = of_light * chroma.rgb().as_vec3();
+        let right = judged(Some(field.clone()));
+        assert!(right.relative() < 1e-5 && right.rgb(|e| e.estimate) < 1e-5, "{right:?}");
+        assert!(right.mean_chroma().unwrap() < 1e-5 && right.rgb(|e| e.true_chroma) < 1e-5, "{right:?}");
+        // The median colour of the photograph contains the light, which shines on it again.
+        let double = judged(None);
+        let want = sine(of_light * median, true_colour);
+        assert!((double.rgb(|e| e.estimate) - want).abs() < 1e-5 && double.rgb(|e| e.median) > 0.1, "{double:?}");
+        let shown = judged(Some(ChromaField::uniform(wrong)));
+        let want = sine(of_light * wrong.rgb().as_vec3(), true_colour);
+        assert!((shown.rgb(|e| e.estimate) - want).abs() < 1e-5, "{shown:?} {want}");
+        assert!((shown.mean_chroma().unwrap() - wrong.distance(chroma)).abs() < 1e-4, "{shown:?}");
+        assert!((shown.rgb(|e| e.grey) - sine(of_light, true_colour)).abs() < 1e-5, "{shown:?}");
+        // Without an estimate the picture is black.
+        let failed = reference.judge(Estimator::Learnt, "k".into(), 0.0, Err(anyhow::anyhow!("no")));
+        assert!(failed.rgb(|e| e.estimate) == 1.0 && failed.mean_chroma().is_none());
+    }
+}

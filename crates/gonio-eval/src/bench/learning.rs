@@ -1,6 +1,7 @@
 //! Everything that the estimators of a protocol learn beforehand.
 
 use anyhow::{Context, Result};
+use gonio::colour::{Chroma, ColourModel, ColourSample};
 use gonio::inference::learnt::LearntPosterior;
 use gonio::lighting::LightPrior;
 use gonio::model::Model;
@@ -24,11 +25,37 @@ pub(crate) struct Knowledge {
     pub(crate) training: Vec<(String, BivariateTable)>,
     /// The bilinear operator at the points of a sphere.
     pub(crate) plan: Plan,
-    /// Coordinates of the space of materials, and places of its prior, for known light.
-    pub(crate) space: Option<(Coordinates, Vec<Vec<f64>>)>,
+    /// The space of materials, for known light.
+    pub(crate) space: Option<MaterialSpace>,
     /// The points of the sphere.
     pub(crate) points: Vec<SurfacePoint>,
 }
+
+/// The space of materials of the posterior under a known light.
+pub(crate) struct MaterialSpace {
+    /// Coordinates of materials.
+    pub(crate) coordinates: Coordinates,
+    /// Places of the materials of the prior.
+    pub(crate) places: Vec<Vec<f64>>,
+    /// Differences between the channels of the training materials.
+    pub(crate) colours: ColourModel,
+}
+
+impl MaterialSpace {
+    /// Learns from the channels of training materials, whose luminances are `training`.
+    fn of(training: &[(String, BivariateTable)], rgb: &[[BivariateTable; 3]]) -> Self {
+        let basis = LogBasis::fit(training, LogBasis::RANK);
+        let Dictionary { coordinates, places, .. } = Dictionary::new(basis, &DictionarySettings::default());
+        // A known light needs neither the errors of blind readings nor the chromas of lights.
+        let error = vec![0.0; coordinates.axes.len() + 1];
+        let sample = ColourSample { errors: [error.clone(), error.clone(), error] };
+        let colours = ColourModel::learn(&coordinates, rgb, &[sample], &[Chroma::default()]);
+        Self { coordinates, places, colours }
+    }
+}
+
+/// Every how many of the training lights the colours of the learnt posterior are learnt in.
+const COLOUR_STRIDE: usize = 6;
 
 impl Knowledge {
     /// Learns from the protocol's training materials. The prior of light is `prior` or, without
@@ -70,12 +97,14 @@ impl Knowledge {
                 None => posteriors::load_or_train(cache, &training, lights, &names, learning),
             }
         };
-        let posterior = lights.map(learn).transpose().context("the posterior of materials")?;
-        let space = known_light.then(|| {
-            let basis = LogBasis::fit(&training, LogBasis::RANK);
-            let dictionary = Dictionary::new(basis, &DictionarySettings::default());
-            (dictionary.coordinates, dictionary.places)
-        });
+        let mut rgb: Vec<[BivariateTable; 3]> = kept.iter().map(|&at| materials.rgb(at).clone()).collect();
+        rgb.iter_mut().flatten().for_each(BivariateTable::extend_from_trusted);
+        let mut posterior = lights.map(learn).transpose().context("the posterior of materials")?;
+        if let (Some(posterior), Some(lights)) = (posterior.as_mut(), lights) {
+            // The embedded model of colours knows other materials than these.
+            posterior.colours = Some(posteriors::colours(cache, posterior, rgb.clone(), lights, COLOUR_STRIDE)?);
+        }
+        let space = known_light.then(|| MaterialSpace::of(&training, &rgb));
         let provenance = format!("basis of {} materials", kept.len());
         Ok(Self {
             model: Model { light, reflectance, learnt: posterior, provenance },

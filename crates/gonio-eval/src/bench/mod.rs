@@ -22,6 +22,8 @@ pub(crate) use grid::Protocol;
 pub(crate) use merge::{MergeOptions, merge};
 pub(crate) use options::Options;
 pub(crate) use progress::Progress;
+#[cfg(test)]
+pub(crate) use renders::white;
 pub(crate) use renders::{ACCURACY, DRAFT, add_noise};
 pub(crate) use run::bench;
 pub(crate) use stage::Stage;

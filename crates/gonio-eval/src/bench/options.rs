@@ -63,7 +63,7 @@ pub(crate) struct Options {
     /// Normals on the visible hemisphere
     #[arg(long, default_value_t = 12_000)]
     normals: usize,
-    /// Standard deviation of noise added to the photographs, relative to their mean
+    /// Standard deviation of noise added to each channel of the photographs, relative to its mean
     #[arg(long, default_value_t = 0.0)]
     noise: f64,
     /// Pixels along a side of the relit sphere

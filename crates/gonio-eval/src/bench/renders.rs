@@ -2,9 +2,8 @@
 
 use anyhow::Result;
 use glam::Vec3;
-use gonio::picture::{Plane, luminance};
 use gonio::reflectance::{BivariateTable, MerlTable};
-use gonio::render::{Brdf, IntegratorSettings, LightTree, images_of_basis, median_colour, radiance};
+use gonio::render::{Brdf, IntegratorSettings, LightTree, images_of_basis, radiance};
 use gonio::shape::SurfacePoint;
 use gonio_io::cache::Cache;
 use rand::SeedableRng;
@@ -15,14 +14,19 @@ use serde::{Deserialize, Serialize};
 /// A rendered list of points.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Render {
-    /// Luminance of each point.
-    pub(crate) luminance: Vec<f64>,
-    /// Median colour of the points, of luminance one: the paper's display rule.
-    pub(crate) colour: [f32; 3],
+    /// Linear RGB of each point.
+    pub(crate) rgb: Vec<[f32; 3]>,
+}
+
+impl Render {
+    /// Returns the linear RGB of each point.
+    pub(crate) fn colours(&self) -> Vec<Vec3> {
+        self.rgb.iter().copied().map(Vec3::from_array).collect()
+    }
 }
 
 /// Version of the renders: raise it whenever the renderer gives other pictures for the same input.
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 
 /// Settings of reference renders. Against a twentieth of this tolerance, pictures differ by 0.05 to
 /// 0.4 % after the best common scale (`gonio-eval quadrature`).
@@ -64,11 +68,8 @@ fn hash_points(hasher: &mut blake3::Hasher, points: &[SurfacePoint]) {
 /// Renders the full table at every point.
 pub(crate) fn render(material: &MerlTable, light: &LightTree, points: &[SurfacePoint]) -> Render {
     let envelope = material.envelope();
-    let rgb: Vec<Vec3> =
-        points.par_iter().map(|p| radiance(p, material, &envelope, light, &ACCURACY).as_vec3()).collect();
-    let values = rgb.iter().map(|c| f64::from(luminance(*c))).collect();
-    let colour = median_colour(&Plane::from_vec(rgb.len(), 1, rgb), |_| true);
-    Render { luminance: values, colour: colour.to_array() }
+    let rgb = |p: &SurfacePoint| radiance(p, material, &envelope, light, &ACCURACY).as_vec3().to_array();
+    Render { rgb: points.par_iter().map(rgb).collect() }
 }
 
 /// Loads a render from the cache.
@@ -115,10 +116,21 @@ pub(crate) fn add_noise(values: &mut [f64], relative: f64, key: &str) {
     }
 }
 
+/// Adds independent noise to the channels of an image, of standard deviation `relative` times the
+/// mean of the channel and seeded by its key. Negative values become zero.
+pub(crate) fn add_noise_rgb(image: &mut [Vec3], relative: f64, key: &str) {
+    for c in 0..3 {
+        let mut values: Vec<f64> = image.iter().map(|rgb| f64::from(rgb[c])).collect();
+        add_noise(&mut values, relative, &format!("{key} {c}"));
+        image.iter_mut().zip(values).for_each(|(rgb, value)| rgb[c] = value as f32);
+    }
+}
+
 /// White light, the same from all directions, for tests.
 #[cfg(test)]
 pub(crate) fn white() -> LightTree {
     use gonio::lighting::EnvironmentMap;
+    use gonio::picture::Plane;
     LightTree::of_map(&EnvironmentMap::new(Plane::from_fn(16, 8, |_, _| Vec3::ONE)).expect("a map"))
 }
 
@@ -139,8 +151,11 @@ mod tests {
         let got = render(&full, &white(), &[point(); 3]);
         // The midpoint rule under a constant light errs in one direction, and more than under any
         // real one.
-        assert!((got.luminance[1] - 1.0).abs() < 0.05, "{got:?}");
-        assert!(got.colour.iter().all(|c| (c - 1.0).abs() < 1e-3));
+        assert!(got.rgb[1].iter().all(|c| (c - 1.0).abs() < 0.05), "{got:?}");
+        // Channels have their own albedo.
+        let full = MerlTable::from_bivariate([&white_table, &white_table.scaled(0.5), &white_table.scaled(0.1)]);
+        let [r, g, b] = render(&full, &white(), &[point()]).rgb[0];
+        assert!((g / r - 0.5).abs() < 1e-3 && (b / r - 0.1).abs() < 1e-3, "{r} {g} {b}");
     }
 
     #[test]

@@ -8,10 +8,13 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
 
 use anyhow::{Context, Result, anyhow};
+use glam::Vec3;
+use gonio::colour::ChromaField;
 use gonio::inference::known_light::{self, GivenLight, Operator};
 use gonio::lighting::LightPrior;
+use gonio::picture::Plane;
 use gonio::reflectance::BivariateTable;
-use gonio::render::{IntegratorSettings, LightTree, Relighter};
+use gonio::render::{IntegratorSettings, LightTree, Relighter, median_colour};
 use gonio::scene::{ObservationSettings, sphere_points};
 use gonio::shape::SurfacePoint;
 use gonio_io::cache::Cache;
@@ -19,7 +22,7 @@ use gonio_io::cache::Cache;
 use super::estimators::{Estimator, Lit, Photograph};
 use super::grid::{Protocol, Unit, relight_lights, units};
 use super::judge::{Reference, encoded};
-use super::learning::Knowledge;
+use super::learning::{Knowledge, MaterialSpace};
 use super::options::Options;
 use super::progress::Progress;
 use super::renders::{self, Render};
@@ -28,6 +31,7 @@ use super::stage::Stage;
 use super::store::{Conditions, Store};
 use crate::data::Lights;
 use crate::materials::{Materials, Source};
+use crate::metrics::luminances;
 
 /// Bytes that renders, operators and bases may take in the cache.
 const CACHE_BUDGET: u64 = 8 << 30;
@@ -211,12 +215,13 @@ impl Bench {
             .iter()
             .flat_map(|(u, _)| self.relit_in(u).into_iter().map(|light| (self.is_outside(u), light)))
             .collect();
-        let relighters: BTreeMap<(bool, String), Relighter> = relit
+        let relighters: BTreeMap<(bool, String), [Relighter; 3]> = relit
             .into_iter()
             .map(|(outside, light)| {
                 let (tree, settings) = (self.lights.tree(&light)?, IntegratorSettings::default());
-                let relighter = Relighter::new(&self.stage.points, &self.examples(outside), &tree, &settings);
-                Ok(((outside, light), relighter))
+                let examples = self.examples(outside);
+                let relighters = Relighter::of_channels(&self.stage.points, &examples, &tree, &settings);
+                Ok(((outside, light), relighters))
             })
             .collect::<Result<_>>()?;
         // Images of the basis functions for the known-light oracle, by training protocol and light.
@@ -233,7 +238,7 @@ impl Bench {
         let mut operators: BTreeMap<(Protocol, &str), Lit> = BTreeMap::new();
         for (unit, _) in work {
             let learnt = unit.protocol.learns_as();
-            let Some((coordinates, places)) = &knowledge[&learnt].space else { continue };
+            let Some(MaterialSpace { coordinates, places, .. }) = &knowledge[&learnt].space else { continue };
             if let Entry::Vacant(place) = operators.entry((learnt, unit.light.as_str())) {
                 let step = self.points.len().div_ceil(known_light::ROWS);
                 let points: Vec<SurfacePoint> = self.points.iter().step_by(step).copied().collect();
@@ -289,15 +294,16 @@ impl Bench {
         open: &[(Estimator, String)],
         knowledge: &Knowledge,
         (under_true_light, operator): (&[f32], Option<&Lit>),
-        relighters: &BTreeMap<(bool, String), Relighter>,
+        relighters: &BTreeMap<(bool, String), [Relighter; 3]>,
         progress: &Progress,
     ) -> Result<()> {
-        let mut render = self.load(unit.material, &unit.light, &self.points)?;
+        let mut colours = self.load(unit.material, &unit.light, &self.points)?.colours();
         let seed = self.key(unit.material, &unit.light, &self.points);
-        renders::add_noise(&mut render.luminance, self.conditions.noise, &seed);
-        let image: Vec<Option<f64>> = render.luminance.iter().map(|v| Some(*v)).collect();
+        renders::add_noise_rgb(&mut colours, self.conditions.noise, &seed);
+        let image: Vec<Option<f64>> = luminances(&colours).into_iter().map(Some).collect();
         let projected = knowledge.plan.project(&image, 1e-5)?;
         let truth = self.materials.luminance(unit.material);
+        let chroma = ChromaField::of_tables(self.materials.rgb(unit.material));
         let (relit, outside) = (self.relit_in(unit), self.is_outside(unit));
         let references = relit
             .iter()
@@ -307,7 +313,8 @@ impl Bench {
             unit,
             name: &self.materials.names[unit.material],
             full_table: self.materials.source(unit.material) == Source::Full,
-            truth: &truth,
+            truth: (&truth, &chroma),
+            median: median_colour(&Plane::from_vec(colours.len(), 1, colours.clone()), |_| true),
             stage: &self.stage,
             lights: relit
                 .iter()
@@ -316,14 +323,23 @@ impl Bench {
                 .collect(),
             left_over: projected.left_over(),
             photograph: {
-                let values: Vec<f64> = self.shown.iter().map(|&i| render.luminance[i]).collect();
-                encoded(&self.stage, &values, 1.0, &render)
+                let picture: Vec<Vec3> = self.shown.iter().map(|&i| colours[i]).collect();
+                encoded(&self.stage, &picture, 1.0, &colours)
             },
         };
         let Conditions { starts, separable, .. } = self.conditions;
-        let (image, projected, truth) = (&image, &projected, &truth);
-        let photograph =
-            Photograph { knowledge, image, projected, operator, under_true_light, truth, starts, separable };
+        let photograph = Photograph {
+            knowledge,
+            colours: &colours,
+            image: &image,
+            projected: &projected,
+            operator,
+            under_true_light,
+            truth: &truth,
+            chroma: &chroma,
+            starts,
+            separable,
+        };
         for (estimator, key) in open {
             let start = Instant::now();
             let estimate = estimator.estimate(&photograph);

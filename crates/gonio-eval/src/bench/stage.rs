@@ -41,7 +41,7 @@ impl Stage {
     }
 
     /// Returns the values of the pixels that errors are measured over.
-    pub(crate) fn counted(&self, values: &[f64]) -> Vec<f64> {
+    pub(crate) fn counted<T: Copy>(&self, values: &[T]) -> Vec<T> {
         values.iter().zip(&self.counted).filter(|(_, counted)| **counted).map(|(v, _)| *v).collect()
     }
 
@@ -51,11 +51,11 @@ impl Stage {
         Exposure::by_quantile(&plane, |_| true, 0.97, 0.8)
     }
 
-    /// Encodes luminances `scale * values` in one colour (of luminance one) as a PNG file.
-    pub(crate) fn png(&self, values: &[f64], scale: f64, exposure: Exposure, colour: Vec3) -> Vec<u8> {
+    /// Encodes `scale` times linear RGB values as a PNG file.
+    pub(crate) fn png(&self, values: &[Vec3], scale: f64, exposure: Exposure) -> Vec<u8> {
         let mut out: Vec<u8> = BACKGROUND.repeat(self.size * self.size);
         for (&pixel, value) in self.pixels.iter().zip(values) {
-            let shown = exposure.apply(colour * (scale * value) as f32);
+            let shown = exposure.apply(*value * scale as f32);
             for (byte, linear) in out[3 * pixel..][..3].iter_mut().zip(shown.to_array()) {
                 *byte = (gonio::picture::srgb_encode(linear) * 255.0).round() as u8;
             }

@@ -37,7 +37,7 @@ pub(crate) struct Conditions {
     pub(crate) prior: Option<String>,
     /// Settings by which the posterior of materials is learnt.
     pub(crate) learning: Learning,
-    /// Noise added to the photographs, relative to their mean.
+    /// Noise added to each channel of the photographs, relative to its mean.
     pub(crate) noise: f64,
     /// Lights that estimates are relit in.
     pub(crate) relight: Vec<String>,
@@ -48,7 +48,7 @@ pub(crate) struct Conditions {
 }
 
 /// Version of [`Record`] and of the meaning of its numbers.
-pub(crate) const VERSION: u32 = 4;
+pub(crate) const VERSION: u32 = 5;
 const CONDITIONS: &str = "conditions.json";
 const CELLS: &str = "cells";
 

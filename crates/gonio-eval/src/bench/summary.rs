@@ -40,6 +40,15 @@ pub(crate) struct Row {
     pub(crate) relative: Interval,
     pub(crate) log: Interval,
     pub(crate) brdf: Interval,
+    /// Median RGB relight error in the colours that the estimator found, or else in the median
+    /// colour of the photograph.
+    pub(crate) rgb: Interval,
+    /// The same in the median colour, in grey, and in the true chroma of every cell.
+    pub(crate) rgb_median: Interval,
+    pub(crate) rgb_grey: Interval,
+    pub(crate) rgb_true_chroma: Interval,
+    /// Median distance of the chroma of the mean pixel from the true one.
+    pub(crate) mean_chroma: Interval,
     /// Spearman correlation of the gloss of estimate and reference.
     pub(crate) gloss: f64,
     /// Share of cells whose estimate is more than four times as glossy as the reference.
@@ -145,6 +154,11 @@ fn row(estimator: Estimator, cells: &[&Record], materials: &[&str]) -> Row {
         failures: cells.iter().filter(|r| r.failure.is_some()).count(),
         relative: interval(&Record::relative),
         log: interval(&Record::log),
+        rgb: interval(&|r| r.rgb(|errors| errors.estimate)),
+        rgb_median: interval(&|r| r.rgb(|errors| errors.median)),
+        rgb_grey: interval(&|r| r.rgb(|errors| errors.grey)),
+        rgb_true_chroma: interval(&|r| r.rgb(|errors| errors.true_chroma)),
+        mean_chroma: interval(&|r| r.mean_chroma().unwrap_or(f64::INFINITY)),
         // Without an estimate the error counts as infinite.
         brdf: interval(&|r| r.brdf.unwrap_or(f64::INFINITY)),
         gloss: spearman(&estimates, &references),

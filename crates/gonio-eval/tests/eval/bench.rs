@@ -150,6 +150,46 @@ fn the_table_has_a_line_for_each_cell_and_the_page_its_pictures() {
     assert_eq!(csv.lines().count(), 1 + 9 * 10);
 }
 
+/// In a grey world the errors in RGB are those of the luminance.
+#[test]
+fn grey_cells_have_the_same_errors_in_rgb() {
+    let number = |value: &Value| value.as_f64().unwrap();
+    for cell in TINY.0["cells"].as_array().unwrap() {
+        for relit in cell["relight"].as_array().unwrap() {
+            let (rgb, luminance) = (&relit["rgb"], number(&relit["relative"]));
+            for colour in ["estimate", "median", "grey", "true_chroma"] {
+                assert!((number(&rgb[colour]) - luminance).abs() < 1e-4, "{colour}: {cell}");
+            }
+            assert!(number(&rgb["mean_chroma"]) < 1e-4, "{cell}");
+        }
+    }
+    assert!(TINY.1.starts_with("protocol,") && TINY.1.contains("relight_rgb") && TINY.1.contains("mean_chroma"));
+    assert!(TINY.2.contains("RGB relight") && TINY.2.contains("true chroma (oracle)"));
+}
+
+#[test]
+fn coloured_materials_are_judged_in_rgb() {
+    let place = Place::new();
+    world::colour(&place.at("data"));
+    let estimators = "lambertian,true-bivariate,known-light,known-light-turned,learnt";
+    run(&mut place.bench("out", &["--protocols", "leave-out", "--estimators", estimators, "--noise", "0.01"]));
+    let whole = json(&place.at("out/results.json"));
+    let value = |estimator: &str, error: &str| row(&whole, "leave-out", estimator)[error]["value"].as_f64().unwrap();
+    for estimator in estimators.split(',') {
+        assert_eq!(row(&whole, "leave-out", estimator)["failures"], 0);
+        // The light is grey, so the median colour is that of the material.
+        assert!(value(estimator, "rgb_median") < value(estimator, "relative") + 0.03, "{estimator}");
+        assert!(value(estimator, "rgb_grey") > 0.3, "{estimator}");
+    }
+    for estimator in ["true-bivariate", "known-light", "known-light-turned"] {
+        let (rgb, chroma) = (value(estimator, "rgb"), value(estimator, "mean_chroma"));
+        assert!(rgb < value(estimator, "relative") + 0.03 && chroma < 0.05, "{estimator}: {rgb} {chroma}");
+    }
+    assert!(value("true-bivariate", "rgb") < 0.02);
+    // Trained too little to read colours, but in colours of its own.
+    assert!((value("learnt", "rgb") - value("learnt", "rgb_median")).abs() > 1e-6);
+}
+
 #[test]
 fn shards_merge_into_the_whole() {
     let place = Place::new();

@@ -30,6 +30,22 @@ fn light(lamps: &[Vec3], phase: f64) -> Plane<Vec3> {
     })
 }
 
+/// Writes the tables of materials, each in one colour.
+fn write_tables(merl: &Path, tables: &[BivariateTable], colour: &dyn Fn(usize) -> [f32; 3]) {
+    let cell = |i: usize, c: usize| colour(i).map(|x| x * tables[i].as_slice()[c]);
+    let values = (0..tables.len()).flat_map(|i| (0..CELLS).flat_map(move |c| cell(i, c))).collect();
+    let array = gonio_io::npy::Array { shape: vec![tables.len(), THETA_H, THETA_D, 3], values };
+    std::fs::write(merl.join("bivariate_rgb_f32.npy"), gonio_io::npy::encode(&array)).unwrap();
+}
+
+/// Gives the materials colours from red to blue, without full tables.
+pub(crate) fn colour(dir: &Path) {
+    let merl = dir.join("merl");
+    let tables: Vec<BivariateTable> = (0..10).map(material).collect();
+    write_tables(&merl, &tables, &|i| [[1.0, 0.4, 0.2], [0.3, 0.8, 0.4], [0.2, 0.4, 1.0], [0.9, 0.8, 0.3]][i % 4]);
+    std::fs::remove_file(merl.join(format!("{FULL}.binary"))).unwrap();
+}
+
 /// Writes `lighting/test` with four lights `l0` to `l3`, `lighting/train` with three others, and
 /// `merl` with ten materials, one of them also as a full table.
 pub(crate) fn write(dir: &Path) {
@@ -47,9 +63,7 @@ pub(crate) fn write(dir: &Path) {
         gonio_io::picture::write_hdr(training.join(format!("t{i}.hdr")), &light(&lamps[..=i], 0.5 * i as f64)).unwrap();
     }
     let tables: Vec<BivariateTable> = (0..10).map(material).collect();
-    let values = tables.iter().flat_map(|t| (0..CELLS).flat_map(|c| [t.as_slice()[c]; 3])).collect();
-    let array = gonio_io::npy::Array { shape: vec![tables.len(), THETA_H, THETA_D, 3], values };
-    std::fs::write(merl.join("bivariate_rgb_f32.npy"), gonio_io::npy::encode(&array)).unwrap();
+    write_tables(&merl, &tables, &|_| [1.0; 3]);
     let names: Vec<String> = (0..10).map(|i| format!("m{i}")).collect();
     std::fs::write(merl.join("materials.txt"), names.join("\n")).unwrap();
     let full = MerlTable::from_bivariate([&tables[4]; 3]);

@@ -31,7 +31,8 @@ pub(super) fn write(dir: &Path, conditions: &Conditions, records: &Records) -> R
 /// Returns the CSV file, one line for each cell.
 fn csv(records: &Records) -> String {
     let mut out = String::from(
-        "protocol,material,class,light,estimator,relight,relight_log,brdf_log,gloss,gloss_reference,coverage50,coverage90,\
+        "protocol,material,class,light,estimator,relight,relight_log,relight_rgb,rgb_median,rgb_grey,\
+         rgb_true_chroma,mean_chroma,brdf_log,gloss,gloss_reference,coverage50,coverage90,\
          left_over,seconds,iterations,converged,cost,noise,note,failure\n",
     );
     for r in records.values() {
@@ -44,6 +45,11 @@ fn csv(records: &Records) -> String {
             r.estimator.id().to_owned(),
             number(Some(r.relative())),
             number(Some(r.log())),
+            number(Some(r.rgb(|errors| errors.estimate))),
+            number(Some(r.rgb(|errors| errors.median))),
+            number(Some(r.rgb(|errors| errors.grey))),
+            number(Some(r.rgb(|errors| errors.true_chroma))),
+            number(r.mean_chroma()),
             number(r.brdf),
             number(r.gloss.map(|g| g[0].peak)),
             number(r.gloss.map(|g| g[1].peak)),
@@ -78,19 +84,18 @@ fn json(conditions: &Conditions, summaries: &[Summary], records: &Records) -> Re
     Ok(serde_json::to_vec_pretty(&Whole { conditions, summaries, cells })?)
 }
 
-/// Returns the Markdown table for `docs/`.
+/// Returns the Markdown tables for `docs/`.
 fn markdown(summary: &Summary) -> String {
-    let mut out = format!(
-        "{}: {} materials, {} lights{}\n\n| {} |\n|{}\n",
+    let table = |columns: &[&str], rows: Vec<Vec<String>>| {
+        let head = format!("| {} |\n|{}\n", columns.join(" | "), "---|".repeat(columns.len()));
+        rows.iter().fold(head, |out, row| format!("{out}| {} |\n", row.join(" | ")))
+    };
+    let note = if summary.full_tables { "" } else { " (some photographs rendered from bivariate tables)" };
+    let Summary { materials, lights, rows, .. } = summary;
+    format!(
+        "{}: {materials} materials, {lights} lights{note}\n\n{}\nRGB relight error by the colour of the estimate:\n\n{}",
         summary.protocol.title(),
-        summary.materials,
-        summary.lights,
-        if summary.full_tables { "" } else { " (some photographs rendered from bivariate tables)" },
-        page::COLUMNS.join(" | "),
-        "---|".repeat(page::COLUMNS.len()),
-    );
-    for row in &summary.rows {
-        let _ = writeln!(out, "| {} |", page::entries(row).join(" | "));
-    }
-    out
+        table(&page::COLUMNS, rows.iter().map(page::entries).collect()),
+        table(&page::COLOUR_COLUMNS, rows.iter().map(page::colour_entries).collect()),
+    )
 }

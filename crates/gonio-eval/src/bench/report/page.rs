@@ -12,18 +12,23 @@ use gonio_report::page::chart::{Axis, Frame, Series, ecdf, scatter};
 use gonio_report::page::{Section, document, figure, table};
 
 /// Headings of the table of estimators.
-pub(super) const COLUMNS: [&str; 10] = [
+pub(super) const COLUMNS: [&str; 11] = [
     "estimator",
     "cells",
     "relight",
     "log relight",
+    "RGB relight",
     "BRDF log",
     "gloss order",
     "4x too glossy",
     "50 % / 90 % covered",
-    "settled",
+    "converged",
     "seconds (most)",
 ];
+
+/// Headings of the table of colours.
+pub(super) const COLOUR_COLUMNS: [&str; 6] =
+    ["estimator", "found colours", "median colour", "grey", "true chroma (oracle)", "mean chroma"];
 
 fn interval(i: &Interval, digits: usize) -> String {
     if i.low.is_nan() {
@@ -42,12 +47,26 @@ pub(super) fn entries(row: &Row) -> Vec<String> {
         format!("{}{failed}", row.cells),
         interval(&row.relative, 3),
         interval(&row.log, 3),
+        interval(&row.rgb, 3),
         interval(&row.brdf, 2),
         if row.gloss.is_nan() { "-".to_owned() } else { format!("{:.2}", row.gloss) },
         percent(row.too_glossy),
         row.coverage.map_or("-".to_owned(), |[half, ninety]| format!("{} / {}", percent(half), percent(ninety))),
         row.converged.map_or("-".to_owned(), percent),
         format!("{:.1} ({:.1})", row.seconds, row.slowest),
+    ]
+}
+
+/// Row of the table of colours.
+pub(super) fn colour_entries(row: &Row) -> Vec<String> {
+    let found = if row.estimator.finds_colours() { interval(&row.rgb, 3) } else { "-".to_owned() };
+    vec![
+        row.estimator.title().to_owned(),
+        found,
+        interval(&row.rgb_median, 3),
+        interval(&row.rgb_grey, 3),
+        interval(&row.rgb_true_chroma, 3),
+        interval(&row.mean_chroma, 2),
     ]
 }
 
@@ -103,17 +122,23 @@ fn section(summary: &Summary, records: &Records) -> Section {
 
 fn estimators(summary: &Summary) -> Markup {
     let rows: Vec<Vec<String>> = summary.rows.iter().map(entries).collect();
-    table::table("Estimators and references", &COLUMNS, &rows)
+    let colours: Vec<Vec<String>> = summary.rows.iter().map(colour_entries).collect();
+    html! {
+        (table::table("Estimators and references", &COLUMNS, &rows))
+        (table::table("RGB relight error by the colour of the estimate", &COLOUR_COLUMNS, &colours))
+    }
 }
 
 fn what_it_means() -> Markup {
     html! {
         p.note {
             strong { "relight" } ": min over s of |s I^ - I| / |I|. " strong { "log relight" } ": rms of ln((s I^ + e)/(I + e)), e = 1 % of the \
-            mean. " strong { "BRDF log" } ": the same over the domain below 80 degrees. " strong { "gloss order" } ": Spearman \
+            mean. " strong { "RGB relight" } ": the relight error over all channels, with one scale for the three; estimators that find no \
+            colours are shown in the median colour of the photograph. " strong { "mean chroma" } ": distance of (ln R/G, ln B/G) of the \
+            relit sphere's mean from that of the reference. " strong { "BRDF log" } ": the same over the domain below 80 degrees, in luminance. " strong { "gloss order" } ": Spearman \
             correlation of the logarithm of peak over mean reflectance with that of the reference. "
             strong { "4x too glossy" } ": cells whose peak over mean is more than four times that of the reference: collapse to a mirror. "
-            strong { "settled" } ": runs that met their stopping rule. " strong { "seconds" } ": of one core."
+            strong { "converged" } ": runs that met their stopping rule. " strong { "seconds" } ": of one core."
         }
     }
 }
@@ -127,6 +152,7 @@ fn distributions(summary: &Summary, mine: &[&Record]) -> Markup {
     let charts = [
         ecdf("Relight error", "relight error", Axis::Linear, &sets(&Record::relative)),
         ecdf("Log relight error", "log relight error", Axis::Log, &sets(&|r| r.log().max(1e-3))),
+        ecdf("RGB relight error", "RGB relight error", Axis::Linear, &sets(&|r| r.rgb(|errors| errors.estimate))),
         ecdf("BRDF error", "BRDF log error", Axis::Linear, &sets(&|r| r.brdf.unwrap_or(f64::NAN))),
     ];
     let caption = html! { "Share of the photographs whose error is at most what the horizontal axis says: further left is better." };

@@ -51,7 +51,10 @@ fn tile(record: &Record) -> Markup {
         div.tile style={ "width:" (SIDE) "px" } {
             @if record.failure.is_some() || record.picture.is_empty() { p { "no estimate" } }
             @else { (figure::encoded(&record.picture, SIDE, &alt)) }
-            span { (title) br; (format!("{:.2} / {:.2}", record.relative(), record.log())) }
+            span {
+                (title) br;
+                (format!("{:.2} / {:.2} / {:.2}", record.relative(), record.log(), record.rgb(|errors| errors.estimate)))
+            }
         }
     }
 }
@@ -75,7 +78,7 @@ pub(super) fn worst(mine: &[&Record]) -> Markup {
         p {
             "The largest log relight errors of " strong { (estimator.title()) } ", one for each material. Each sphere is shown in "
             (cells.first().and_then(|c| c.relight.first()).map_or("the first light", |r| r.light.as_str()))
-            " (or its substitute) at the exposure of the true one; beneath it relight and log relight error."
+            " (or its substitute) at the exposure of the true one; beneath it relight, log relight and RGB relight error."
         }
         @for cell in cells.iter().take(WORST) {
             h4 {

@@ -1,37 +1,45 @@
-//! `gonio-eval together`: what several photographs of one material tell beyond one, and several
-//! materials under one light.
+//! `gonio-eval together`: errors of the estimate from several photographs of one material, and from
+//! a photograph of several materials under one light.
 //!
 //! Materials are those outside of the MERL database (`DATA/rgl` and formulas), with a model that
-//! was not learnt from them; lights are the test lights. Photographs are rendered balls, which are
-//! looked at as any others.
+//! was not learnt from them; lights are the test lights. Photographs are rendered balls in RGB,
+//! detected and sampled like any others. Estimates are relit in other test lights, in luminance and
+//! in RGB.
 
 use std::borrow::Cow;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
+use glam::Vec3;
+use gonio::colour::{ChromaField, SavedChroma};
 use gonio::estimate::{
-    Alignment, ColouringRule, EstimateSettings, Material, combine, estimate_together, estimate_under,
+    Alignment, Colouring, ColouringRule, EstimateSettings, Material, combine, estimate_together, estimate_under,
 };
 use gonio::inference::Likelihood;
 use gonio::lighting::EnvironmentMap;
 use gonio::model::Model;
 use gonio::reflectance::BivariateTable;
-use gonio::render::{Accuracy, IntegratorSettings, LightTree, SphereSettings, render_sphere};
+use gonio::render::{Accuracy, Brdf, IntegratorSettings, LightTree, Relighter, SphereSettings, render_sphere};
 use gonio::scene::{Object, ObservationSettings, Observations, Sighting};
 
+use crate::bench::DRAFT;
+use crate::colour::{RELIT_NORMALS, picture, points};
 use crate::data::Lights;
-use crate::metrics::{brdf_error, coverage, mean, median};
+use crate::metrics::{brdf_error, coverage, luminances, mean, median, relight, relight_rgb};
 
 /// Options of `gonio-eval together`.
 #[derive(clap::Args)]
 pub(crate) struct Options {
-    /// Model that was not learnt from the materials
+    /// Model that was not learnt from the materials [default: the embedded model]
     #[arg(long, value_name = "FILE")]
-    model: PathBuf,
+    model: Option<PathBuf>,
     /// Test lights of the photographs; each material is seen in all of them
     #[arg(long, value_delimiter = ',', default_value = "debevec_stpeters,debevec_grace,debevec_rnl,noon_grass")]
     lights: Vec<String>,
+    /// Test lights that estimates are relit in
+    #[arg(long, value_delimiter = ',', default_value = "debevec_galileo,hotel_room,usc_pisa")]
+    relight: Vec<String>,
     /// Measure one of the two alone
     #[arg(long, value_enum)]
     only: Option<Study>,
@@ -47,6 +55,7 @@ enum Study {
 
 /// Errors of an answer.
 struct Errors {
+    relit: Relit,
     /// BRDF error over trusted cells ([`brdf_error`]).
     error: f64,
     /// Mean width of the 90 % interval, in the logarithm.
@@ -55,14 +64,42 @@ struct Errors {
     coverage: [f64; 2],
 }
 
+/// Relight errors, means over the lights.
+#[derive(Clone, Copy, Debug)]
+struct Relit {
+    luminance: f64,
+    /// With one scale for all channels.
+    rgb: f64,
+    /// Distance of the mean chroma from the true one.
+    mean_chroma: f64,
+}
+
+impl Relit {
+    /// Relights materials, each found and true, with one scale for all of them. `operators` are
+    /// those of the channels of each light.
+    fn of(materials: &[[&[BivariateTable; 3]; 2]], operators: &[[Relighter; 3]]) -> Self {
+        let mut errors = [const { Vec::new() }; 3];
+        for operator in operators {
+            let all = |which: usize| materials.iter().flat_map(|both| picture(operator, both[which])).collect();
+            let [found, truth]: [Vec<Vec3>; 2] = [all(0), all(1)];
+            let rgb = relight_rgb(&found, &truth);
+            errors[0].push(relight(&luminances(&found), &luminances(&truth)).relative);
+            errors[1].push(rgb.relative);
+            errors[2].push(rgb.mean_chroma);
+        }
+        Self { luminance: mean(&errors[0]), rgb: mean(&errors[1]), mean_chroma: mean(&errors[2]) }
+    }
+}
+
 impl Errors {
-    fn of(material: &Material, truth: &BivariateTable) -> Result<Self> {
+    fn of(material: &Material, field: &ChromaField, seen: &Seen, operators: &[[Relighter; 3]]) -> Result<Self> {
         let quantiles: [Vec<f32>; 4] = material.quantiles.clone().try_into().ok().context("four quantiles")?;
         let widths = quantiles[0].iter().zip(&quantiles[3]).map(|(low, high)| f64::from((high / low).ln()));
         Ok(Self {
-            error: brdf_error(&material.table, truth),
+            relit: Relit::of(&[[&field.tables(&material.table), &seen.rgb]], operators),
+            error: brdf_error(&material.table, &seen.truth),
             width: mean(&widths.collect::<Vec<f64>>()),
-            coverage: coverage(&material.table, &quantiles, truth),
+            coverage: coverage(&material.table, &quantiles, &seen.truth),
         })
     }
 }
@@ -72,8 +109,11 @@ fn row(name: &str, all: &[Errors]) -> String {
     let of = |f: fn(&Errors) -> f64| median(all.iter().map(f).collect());
     let inside = |at: usize| 100.0 * mean(&all.iter().map(|e| e.coverage[at]).collect::<Vec<f64>>());
     format!(
-        "| {name} | {} | {:.3} | {:.2} | {:.0} % / {:.0} % |",
+        "| {name} | {} | {:.3} | {:.3} | {:.2} | {:.3} | {:.2} | {:.0} % / {:.0} % |",
         all.len(),
+        of(|e| e.relit.luminance),
+        of(|e| e.relit.rgb),
+        of(|e| e.relit.mean_chroma),
         of(|e| e.error),
         of(|e| e.width),
         inside(0),
@@ -81,57 +121,88 @@ fn row(name: &str, all: &[Errors]) -> String {
     )
 }
 
-const HEADER: &str =
-    "| answer | number | BRDF error | width of the 90 % interval | 50 % / 90 % covered |\n|---|---|---|---|---|\n";
+const HEADER: &str = "| answer | number | relight | RGB relight | mean chroma | BRDF error | width of the 90 % interval \
+                      | 50 % / 90 % covered |\n|---|---|---|---|---|---|---|---|\n";
 
 /// A material and its photographs.
 struct Seen {
     name: String,
+    rgb: [BivariateTable; 3],
+    /// Luminance of `rgb`.
     truth: BivariateTable,
     photographs: Vec<Observations>,
 }
 
+/// The estimate from one photograph.
+struct One {
+    material: Material,
+    colouring: Colouring,
+}
+
+impl One {
+    fn saved(&self) -> Option<SavedChroma> {
+        match &self.colouring {
+            Colouring::Estimate(found) => Some(found.saved()),
+            _ => None,
+        }
+    }
+}
+
 pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
-    let model = gonio_io::model::read_model(&options.model)?;
+    let model = match &options.model {
+        Some(path) => gonio_io::model::read_model(path)?,
+        None => gonio_io::model::embedded()?,
+    };
     let lights = Lights::open(data)?;
     let maps: Vec<EnvironmentMap> = options.lights.iter().map(|name| lights.map(name)).collect::<Result<_>>()?;
     let mut materials = Vec::new();
     for (name, path) in crate::outside::rgl_files(&data.join("rgl"))? {
         let table = gonio_io::brdf::read(&path)?;
-        materials.push((name, BivariateTable::luminance(&[0, 1, 2].map(|c| table.bivariate(c)))));
+        materials.push((name, [0, 1, 2].map(|c| table.bivariate(c))));
     }
+    let grey = |table: BivariateTable| [table.clone(), table.clone(), table];
     let formulas = crate::outside::formulas();
-    materials.extend(formulas.into_iter().map(|(name, formula)| (name.to_owned(), formula.to_bivariate())));
+    materials.extend(formulas.into_iter().map(|(name, formula)| (name.to_owned(), grey(formula.to_bivariate()))));
     let mut all = Vec::new();
-    for (name, truth) in materials {
-        let photographs = maps.iter().map(|map| photograph(&truth, map)).collect::<Result<_>>()?;
-        all.push(Seen { name, truth, photographs });
+    for (name, rgb) in materials {
+        let photographs = maps.iter().map(|map| photograph(&rgb, map)).collect::<Result<_>>()?;
+        all.push(Seen { name, truth: BivariateTable::luminance(&rgb), rgb, photographs });
     }
+    let (balls, tables) = (points(RELIT_NORMALS), all.iter().map(|seen| seen.truth.clone()).collect::<Vec<_>>());
+    let operator = |name: &String| Ok(Relighter::of_channels(&balls, &tables, &lights.tree(name)?, &DRAFT));
+    let operators: Vec<[Relighter; 3]> = options.relight.iter().map(operator).collect::<Result<_>>()?;
     if options.only != Some(Study::Regions) {
-        println!("{}\n", photographs(&model, &all, &maps)?);
+        println!("{}\n", photographs(&model, &all, &maps, &operators)?);
     }
     if options.only != Some(Study::Photographs) {
-        println!("{}", regions(&model, &all, &options.lights)?);
+        println!("{}", regions(&model, &all, &options.lights, &operators)?);
     }
     Ok(())
 }
 
 /// Several photographs of each material, under unknown illumination and under known lights.
-fn photographs(model: &Model, all: &[Seen], maps: &[EnvironmentMap]) -> Result<String> {
+fn photographs(model: &Model, all: &[Seen], maps: &[EnvironmentMap], operators: &[[Relighter; 3]]) -> Result<String> {
     let none = || maps.iter().map(|_| Vec::new()).collect::<Vec<Vec<Errors>>>();
     let (mut blind, mut lit, mut refused) = (none(), none(), 0);
     let mut likelihoods: Vec<[Vec<Likelihood>; 2]> = Vec::new();
-    for Seen { name, truth, photographs } in all {
-        let of_blind = |one: &Observations| Ok(Material::of(model, one, 32)?);
-        let blind_ones: Vec<Material> = photographs.iter().map(of_blind).collect::<Result<_>>()?;
-        let under = |(one, map): (&Observations, &EnvironmentMap)| {
-            Ok(estimate_under(model, one, (map, Alignment::Near), &ColouringRule::Grey, &|_| ())?.material)
+    let rule = ColouringRule::default();
+    for seen in all {
+        let of_blind = |one: &Observations| -> Result<One> {
+            let material = Material::of(model, one, 32)?;
+            let colouring = Colouring::of(model, one, &material.table, &rule);
+            Ok(One { material, colouring })
         };
-        let lit_ones: Vec<Material> = photographs.iter().zip(maps).map(under).collect::<Result<_>>()?;
-        refused += collect(model, &blind_ones, truth, &mut blind)? + collect(model, &lit_ones, truth, &mut lit)?;
-        let of = |ones: Vec<Material>| ones.into_iter().map(|m| m.posterior.likelihood).collect();
+        let blind_ones: Vec<One> = seen.photographs.iter().map(of_blind).collect::<Result<_>>()?;
+        let under = |(one, map): (&Observations, &EnvironmentMap)| -> Result<One> {
+            let found = estimate_under(model, one, (map, Alignment::Near), &rule, &|_| ())?;
+            Ok(One { material: found.material, colouring: found.colouring })
+        };
+        let lit_ones: Vec<One> = seen.photographs.iter().zip(maps).map(under).collect::<Result<_>>()?;
+        refused += collect(model, &blind_ones, seen, operators, &mut blind)?;
+        refused += collect(model, &lit_ones, seen, operators, &mut lit)?;
+        let of = |ones: Vec<One>| ones.into_iter().map(|one| one.material.posterior.likelihood).collect();
         likelihoods.push([of(blind_ones), of(lit_ones)]);
-        eprintln!("{name}");
+        eprintln!("{}", seen.name);
     }
     let mut crossed = [0, 0];
     let pairs = (0..all.len()).flat_map(|a| (0..all.len()).filter(move |b| *b != a).map(move |b| (a, b)));
@@ -157,10 +228,11 @@ fn photographs(model: &Model, all: &[Seen], maps: &[EnvironmentMap]) -> Result<S
     Ok(out)
 }
 
-/// The ratio of the albedos of each pair of neighbouring materials under one light.
-fn regions(model: &Model, all: &[Seen], lights: &[String]) -> Result<String> {
-    let settings = EstimateSettings { colouring: ColouringRule::Grey, ..EstimateSettings::default() };
-    let mut errors = Vec::new();
+/// The ratio of the albedos of each pair of neighbouring materials under one light, and the errors
+/// of both relit with one scale.
+fn regions(model: &Model, all: &[Seen], lights: &[String], operators: &[[Relighter; 3]]) -> Result<String> {
+    let settings = EstimateSettings::default();
+    let (mut errors, mut relit) = (Vec::new(), Vec::new());
     for pair in all.windows(2) {
         for (at, light) in lights.iter().enumerate() {
             let seen = [&pair[0].photographs[at], &pair[1].photographs[at]];
@@ -169,28 +241,54 @@ fn regions(model: &Model, all: &[Seen], lights: &[String]) -> Result<String> {
             let truth = (pair[0].truth.normal_albedo() / pair[1].truth.normal_albedo()).ln();
             eprintln!("{} and {}, {light}: {:.2}, is {:.2}", pair[0].name, pair[1].name, ratio.exp(), truth.exp());
             errors.push((ratio - truth).abs());
+            let tables: Vec<[BivariateTable; 3]> = found
+                .iter()
+                .map(|one| {
+                    one.estimate.colouring.field().tables(&one.estimate.material.table.scaled(one.relative_albedo))
+                })
+                .collect();
+            let both: Vec<_> = tables.iter().zip(pair).map(|(found, seen)| [found, &seen.rgb]).collect();
+            relit.push(Relit::of(&both, operators));
         }
     }
     let count = errors.len();
     let within = errors.iter().filter(|error| **error < 0.25).count();
+    let typical = |f: fn(&Relit) -> f64| median(relit.iter().map(f).collect());
     Ok(format!(
         "Two materials under one unknown light\n\nRatio of their albedos: off by {:.0} % in the median of {count} photographs, by less \
-         than 28 % in {within}.",
-        100.0 * (median(errors).exp() - 1.0)
+         than 28 % in {within}. Both relit with one scale: relight error {:.3}, in RGB {:.3}, mean chroma off by {:.2} (medians).",
+        100.0 * (median(errors).exp() - 1.0),
+        typical(|r| r.luminance),
+        typical(|r| r.rgb),
+        typical(|r| r.mean_chroma),
     ))
 }
 
 /// Adds the errors of one photograph, and of two, three and more together, and counts the
 /// combinations that are refused.
-fn collect(model: &Model, ones: &[Material], truth: &BivariateTable, out: &mut [Vec<Errors>]) -> Result<usize> {
-    let ones: Vec<&Material> = ones.iter().collect();
+fn collect(
+    model: &Model,
+    ones: &[One],
+    seen: &Seen,
+    operators: &[[Relighter; 3]],
+    out: &mut [Vec<Errors>],
+) -> Result<usize> {
+    let materials: Vec<&Material> = ones.iter().map(|one| &one.material).collect();
+    let saved: Vec<Option<SavedChroma>> = ones.iter().map(One::saved).collect();
     let mut refused = 0;
     for (count, out) in out.iter_mut().enumerate().map(|(at, out)| (at + 1, out)) {
-        for found in joined(model, &ones, count) {
-            match found {
-                Some(found) => out.push(Errors::of(&found, truth)?),
-                None => refused += 1,
-            }
+        for (start, found) in joined(model, &materials, count).enumerate() {
+            let Some(found) = found else {
+                refused += 1;
+                continue;
+            };
+            let field = if count == 1 {
+                ones[start].colouring.field()
+            } else {
+                let some: Vec<_> = (0..count).filter_map(|at| saved[(start + at) % saved.len()].clone()).collect();
+                SavedChroma::mean(&some).map_or(ChromaField::GREY, |chroma| chroma.field())
+            };
+            out.push(Errors::of(&found, &field, seen, operators)?);
         }
     }
     Ok(refused)
@@ -214,13 +312,38 @@ pub(crate) fn joined<'a>(
     })
 }
 
-pub(crate) fn photograph(table: &BivariateTable, map: &EnvironmentMap) -> Result<Observations> {
+/// Renders a ball of a material in a light, and samples it.
+pub(crate) fn photograph(brdf: &dyn Brdf, map: &EnvironmentMap) -> Result<Observations> {
     let settings = SphereSettings {
         size: 128,
         accuracy: Accuracy::Bound(IntegratorSettings { tolerance: 0.3, max_cells: 8000 }),
         ..SphereSettings::default()
     };
-    let picture = render_sphere(table, &LightTree::of_map(map), &settings, &|_| ());
+    let picture = render_sphere(brdf, &LightTree::of_map(map), &settings, &|_| ());
     let sighting = Sighting::of(&picture, None, Object::Sphere(None), &ObservationSettings::default())?;
     Ok(sighting.observations)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bench::white;
+
+    /// Two materials share one scale, and so do their channels.
+    #[test]
+    fn relight_errors_are_those_of_the_colours_and_of_the_albedos() {
+        let table = BivariateTable::from_fn(|h, _| 0.1 + (-(h / 0.3).powi(2)).exp());
+        let tables = |rgb: [f64; 3]| rgb.map(|x| table.scaled(x));
+        let operators = [Relighter::of_channels(&points(200), &[table.clone()], &white(), &DRAFT)];
+        let (red, blue, grey) = (tables([0.6, 0.2, 0.1]), tables([0.1, 0.2, 0.6]), tables([0.5, 0.5, 0.5]));
+        let right = Relit::of(&[[&tables([1.2, 0.4, 0.2]), &red]], &operators);
+        assert!(right.rgb < 1e-6 && right.luminance < 1e-6 && right.mean_chroma < 1e-6, "{right:?}");
+        let wrong = Relit::of(&[[&blue, &red]], &operators);
+        let cosine = (0.6 * 0.1 + 0.2 * 0.2 + 0.1 * 0.6) / (0.36 + 0.04 + 0.01_f64);
+        assert!((wrong.rgb - (1.0 - cosine * cosine).sqrt()).abs() < 1e-4, "{wrong:?}");
+        assert!(wrong.luminance < 1e-6 && (wrong.mean_chroma - (2.0_f64).sqrt() * 6.0_f64.ln()).abs() < 1e-4);
+        // Albedos of 1 and 1, where they are 1 and 3.
+        let pair = Relit::of(&[[&grey, &grey], [&grey, &tables([1.5; 3])]], &operators);
+        assert!((pair.rgb - 0.2_f64.sqrt()).abs() < 1e-4 && (pair.luminance - 0.2_f64.sqrt()).abs() < 1e-4, "{pair:?}");
+    }
 }

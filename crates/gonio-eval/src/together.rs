@@ -334,7 +334,7 @@ mod tests {
     fn relight_errors_are_those_of_the_colours_and_of_the_albedos() {
         let table = BivariateTable::from_fn(|h, _| 0.1 + (-(h / 0.3).powi(2)).exp());
         let tables = |rgb: [f64; 3]| rgb.map(|x| table.scaled(x));
-        let operators = [Relighter::of_channels(&points(200), &[table.clone()], &white(), &DRAFT)];
+        let operators = [Relighter::of_channels(&points(200), std::slice::from_ref(&table), &white(), &DRAFT)];
         let (red, blue, grey) = (tables([0.6, 0.2, 0.1]), tables([0.1, 0.2, 0.6]), tables([0.5, 0.5, 0.5]));
         let right = Relit::of(&[[&tables([1.2, 0.4, 0.2]), &red]], &operators);
         assert!(right.rgb < 1e-6 && right.luminance < 1e-6 && right.mean_chroma < 1e-6, "{right:?}");

@@ -131,9 +131,9 @@ fn taubin(points: &[DVec2]) -> Option<Circle> {
 
 /// Estimates the ratio of the shorter to the longer axis of the ellipse nearest to the points.
 ///
-/// The estimate uses the second harmonic of the distances from the centre of `circle`: `r(phi) = r0
-/// + c cos phi + s sin phi + a cos 2 phi + b sin 2 phi`. It is valid for slight ellipses of which
-/// at least half of the outline is visible.
+/// The estimate uses the second harmonic of the distances from the centre of `circle`:
+/// `r(phi) = r0 + c cos phi + s sin phi + a cos 2 phi + b sin 2 phi`. It is valid for slight
+/// ellipses of which at least half of the outline is visible.
 pub(super) fn aspect(near: &[DVec2], circle: &Circle) -> f64 {
     let rows = Mat::<f64>::from_fn(near.len(), 5, |i, j| {
         let (c, s) = from_rim(near[i], circle).0.into();

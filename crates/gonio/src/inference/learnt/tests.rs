@@ -10,7 +10,7 @@ use rand_pcg::Pcg64;
 use super::*;
 use crate::appearance::disk::{GLOBALS, on_disk};
 use crate::lighting::EnvironmentMap;
-use crate::reflectance::{BivariateTable, CELLS, Dictionary, DictionarySettings, LogBasis, trusted_cells};
+use crate::reflectance::{BivariateTable, CELLS, Dictionary, DictionarySettings, LogBasis, Prior, trusted_cells};
 use crate::testing;
 
 /// A sky, a ground and a few lamps.
@@ -39,7 +39,9 @@ fn lobe(width: f64, strength: f64) -> BivariateTable {
 pub(crate) static WORLD: LazyLock<Dictionary> = LazyLock::new(|| {
     let set = [(0.06, 30.0), (0.1, 8.0), (0.2, 3.0), (0.4, 1.0), (1.0, 0.05), (0.06, 2.0)];
     let tables: Vec<(String, BivariateTable)> = set.iter().map(|&(w, s)| (format!("{w} {s}"), lobe(w, s))).collect();
-    let settings = DictionarySettings { draws: 60, dimensions: 6, seed: 1, ..Default::default() };
+    // Six axes express mixtures, but no random fields.
+    let prior = Prior { fields: 0.0, ..Prior::default() };
+    let settings = DictionarySettings { draws: 60, dimensions: 6, seed: 1, prior };
     Dictionary::new(LogBasis::fit(&tables, 8), &settings)
 });
 

@@ -31,8 +31,8 @@ pub(crate) struct Options {
     folders: Vec<PathBuf>,
     /// HTML page to write [default: compare.html]
     ///
-    /// The page is self-contained, and links to the reports in the folders below its own. gonio
-    /// replaces an existing compare.html only if gonio wrote it.
+    /// The page is self-contained. It links to a report if the report lies in a folder below that
+    /// of the page. gonio replaces an existing compare.html only if gonio wrote it.
     #[arg(short, long, value_name = "X.html")]
     output: Option<PathBuf>,
 }

@@ -22,7 +22,7 @@ use crate::space::OutputSpace;
 pub(crate) struct Options {
     /// Result folder of gonio infer, or a BRDF file (.binary, .bsdf)
     input: PathBuf,
-    /// Renderers and models to export to [default: all]
+    /// Renderers and models to export to, separated by commas [default: all]
     #[arg(long, value_enum, value_delimiter = ',')]
     to: Vec<TargetName>,
     /// Folder to write to [default: export in the result folder]

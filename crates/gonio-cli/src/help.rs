@@ -79,14 +79,14 @@ pub(crate) fn hint(error: &clap::Error) -> Option<String> {
 /// Options of `gonio completions`.
 #[derive(clap::Args)]
 pub(crate) struct Completions {
-    /// Shell that runs the completion script
+    /// Shell that the script is for
     shell: Shell,
 }
 
 /// Options of `gonio man`.
 #[derive(clap::Args)]
 pub(crate) struct Man {
-    /// Folder to write to: gonio.1 and one page per command
+    /// Folder for the manual pages: gonio.1 and one page per command
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
 }

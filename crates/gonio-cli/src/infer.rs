@@ -25,32 +25,32 @@ use crate::space::OutputSpace;
 pub(crate) struct Options {
     #[command(flatten)]
     pub(crate) scene: SceneOptions,
-    /// Known light: a lat-long map in camera space
+    /// Known light: a lat-long map in camera coordinates
     ///
-    /// The centre of the map is -z, up is +y. gonio light makes such a map from a photograph of a
-    /// mirror ball. MAP can also be a text file of directional lights (docs/known-light.md).
+    /// The centre of the map is the direction -z, its top is +y. gonio light creates such a map
+    /// from a photograph of a mirror ball. MAP can also be a text file of directional lights
+    /// (docs/known-light.md).
     #[arg(long, value_name = "MAP", help_heading = LIGHT)]
     light: Option<PathBuf>,
-    /// Rotations of the light map to search for the best fit [default: near; if HOW is omitted:
-    /// around]
+    /// Rotations of the light map that gonio tries to fit the photograph [default: near; without
+    /// HOW: around]
     #[arg(long, value_enum, value_name = "HOW", requires = "light", num_args = 0..=1, default_missing_value = "around",
           help_heading = LIGHT)]
     align_light: Option<AlignmentName>,
-    /// Estimate an absolute BRDF: photograph and light map have the same scale
+    /// Estimate the absolute BRDF from a photograph and a light map of the same scale
     ///
-    /// Both must have the same exposure and white balance. Without this option, the BRDF is scaled
-    /// to an albedo of 0.5 at normal incidence.
+    /// Both must have the same exposure and white balance. Without this option, gonio scales the
+    /// BRDF to an albedo of 0.5 at normal incidence.
     #[arg(long, requires = "light", help_heading = LIGHT)]
     absolute: bool,
     /// Ignore self-shadowing
     ///
-    /// Each point receives all light above its horizon, also where other parts of the object block
-    /// it.
+    /// Each point receives all light above its horizon, even if other parts of the object block it.
     #[arg(long, help_heading = LIGHT)]
     no_shadows: bool,
-    /// Estimation method
+    /// Estimation method [default: learnt; with --light: known-light]
     ///
-    /// The default is known-light with --light, and learnt without it.
+    /// "The paper" is Romeiro and Zickler, Blind Reflectometry, ECCV 2010 (docs/paper.md).
     #[arg(long, value_enum, help_heading = METHOD)]
     method: Option<MethodName>,
     /// Model file to use instead of the embedded model
@@ -64,8 +64,8 @@ pub(crate) struct Options {
     grid: Option<usize>,
     /// Reproduce the paper's setup for a sphere
     ///
-    /// This uses the paper's octahedral light map at one azimuth, 8,600 normals away from the map's
-    /// poles, 10 basis functions, random starts, and Algorithm 1 as printed.
+    /// gonio then uses the paper's octahedral light map at one azimuth, 8,600 normals away from the
+    /// map's poles, 10 basis functions, random starts, and Algorithm 1 as printed.
     #[arg(long, help_heading = METHOD, conflicts_with_all = [
         "method", "solver", "grid", "model", "light", "normals", "mesh", "materials", "full_rows",
     ])]
@@ -83,7 +83,7 @@ pub(crate) struct Options {
     solver: Option<SolverName>,
     /// Run --method variational or map on all observations
     ///
-    /// The default is a projection of the observations, which needs less time and memory.
+    /// By default, gonio projects the observations to fewer values, which saves time and memory.
     #[arg(long, help_heading = METHOD)]
     full_rows: bool,
     /// Known colour of the light
@@ -92,7 +92,7 @@ pub(crate) struct Options {
     /// the position of the object. Only the ratios of the channels matter.
     #[arg(long, value_name = "R,G,B", value_parser = parse_light, conflicts_with = "light", help_heading = COLOUR)]
     light_color: Option<Colours>,
-    /// Colour of the BRDF, whose shape is estimated from luminance
+    /// Colour of the BRDF, whose dependence on angle is estimated from luminance
     #[arg(long, value_enum, default_value_t = ColourName::Estimate, help_heading = COLOUR)]
     color: ColourName,
     /// Folder for the results [default: IMAGE-gonio beside the photograph]
@@ -134,7 +134,7 @@ To check the detection of the object first, use gonio check. For many photograph
 /// Ways to colour the BRDF.
 #[derive(Clone, Copy, Debug, PartialEq, clap::ValueEnum)]
 enum ColourName {
-    /// One colour for the body and one for the highlight, without the estimated colour of the light
+    /// One colour of the body and one of the highlight, corrected for the estimated light colour
     Estimate,
     /// The median colour of the photograph, which includes the light's colour; as in the paper
     Median,
@@ -172,9 +172,9 @@ enum AlignmentName {
 /// Names of the solvers.
 #[derive(Clone, Copy, Debug, clap::ValueEnum)]
 enum SolverName {
-    /// Exact minimisation of C_KL block by block: faster, and reaches a lower C_KL
+    /// Exact minimisation of the paper's cost C_KL by blocks: faster, and reaches a lower cost
     Blocks,
-    /// Parallel updates with line searches and safeguards that make them converge
+    /// Parallel updates, with line searches and safeguards that ensure convergence
     Parallel,
     /// Algorithm 1 of the paper as printed
     Printed,

@@ -19,16 +19,17 @@ use crate::space::OutputSpace;
 /// Options of `gonio light`.
 #[derive(clap::Args)]
 pub(crate) struct Options {
-    /// HDR photograph of a mirror ball, or exposures of one scene; - reads standard input
+    /// HDR photograph of a mirror ball, or exposures of one scene; use - for standard input
     ///
-    /// EXR, Radiance HDR and PFM contain linear radiance. gonio accepts PNG, TIFF and JPEG with a
-    /// warning. Several exposures (8- or 16-bit JPEG, PNG or TIFF) are merged as by gonio merge.
+    /// EXR, Radiance HDR and PFM contain linear radiance. gonio also accepts 8- and 16-bit PNG,
+    /// TIFF and JPEG, but warns that highlights are probably clipped. gonio merges several
+    /// exposures (8- or 16-bit JPEG, PNG or TIFF) like gonio merge.
     #[arg(required = true, value_name = "IMAGE")]
     images: Vec<PathBuf>,
     /// Light map to write: lat-long, in camera coordinates
     ///
-    /// gonio also writes X.light.png, which marks the ignored pixels of the ball and the filled
-    /// parts of the map.
+    /// gonio also writes X.light.png, which marks the ignored pixels of the ball and the
+    /// interpolated parts of the map.
     #[arg(short, long, value_name = "X.exr")]
     output: PathBuf,
     /// Mask of the ball: an image that is white on the ball and black elsewhere
@@ -36,10 +37,10 @@ pub(crate) struct Options {
     /// Without a mask, gonio detects the ball by the alpha channel, a uniform background, or edges.
     #[arg(long, value_name = "FILE")]
     mask: Option<PathBuf>,
-    /// Outline of the ball in pixels from the top left corner, instead of detecting it
+    /// Outline of the ball in pixels from the top left corner; replaces automatic detection
     #[arg(long, value_name = "X,Y,RADIUS", value_parser = parse_circle, conflicts_with = "camera")]
     circle: Option<Circle>,
-    /// Camera parameters of both photographs (docs/camera.md) [default: a distant camera]
+    /// Camera parameters of the photographs (docs/camera.md) [default: an orthographic camera]
     #[arg(long, value_name = "FILE.json")]
     camera: Option<PathBuf>,
     /// Reflectance of the ball at normal incidence: one number, or one per channel
@@ -50,7 +51,7 @@ pub(crate) struct Options {
     /// Rows of the map, a power of two from 8 to 4096 [default: about the ball's radius in pixels]
     #[arg(long, value_name = "N")]
     rows: Option<usize>,
-    /// Second photograph of the same ball, ideally from a camera 90 degrees around it
+    /// Second photograph of the ball, ideally after moving the camera around it by 90 degrees
     ///
     /// Repeat the option for each exposure of the second photograph.
     #[arg(long, value_name = "FILE")]
@@ -58,13 +59,13 @@ pub(crate) struct Options {
     /// Angle from the first to the second camera around the ball, in degrees [default: estimated]
     ///
     /// Positive angles are counterclockwise as seen from above: the second camera is to the right
-    /// of the first. The default is the angle at which both light maps agree best.
+    /// of the first. By default, gonio estimates the angle at which both light maps agree best.
     #[arg(long, value_name = "DEGREES", requires = "second", allow_negative_numbers = true)]
     second_yaw: Option<f64>,
     /// Mask of the ball in the second photograph
     #[arg(long, value_name = "FILE", requires = "second")]
     second_mask: Option<PathBuf>,
-    /// Outline of the ball in the second photograph, in pixels
+    /// Outline of the ball in the second photograph, in pixels from the top left corner
     #[arg(long, value_name = "X,Y,RADIUS", requires = "second", value_parser = parse_circle, conflicts_with = "camera")]
     second_circle: Option<Circle>,
     #[command(flatten)]

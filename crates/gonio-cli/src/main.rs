@@ -59,14 +59,14 @@ struct General {
     /// Print errors only
     #[arg(short, long, global = true, conflicts_with_all = ["json", "verbose"])]
     quiet: bool,
-    /// Print the duration of each stage in seconds
+    /// Also print the duration of each stage in seconds
     #[arg(short, long, global = true)]
     verbose: bool,
     /// Number of threads [default: one per core]
     #[arg(long, global = true, value_name = "N", allow_negative_numbers = true,
           value_parser = clap::value_parser!(u16).range(1..=1024))]
     threads: Option<u16>,
-    /// Print help: -h is a summary, --help describes every option
+    /// Print help: -h prints a summary, --help describes every option
     #[arg(short, long, global = true, action = clap::ArgAction::Help)]
     help: Option<bool>,
 }
@@ -93,7 +93,7 @@ pub(crate) enum Command {
     Light(Box<light::Options>),
     /// Convert a BRDF between file formats
     Convert(convert::Options),
-    /// Train the priors of light and reflectance
+    /// Train a model on light maps and measured BRDFs
     #[command(subcommand)]
     Train(train::Command),
     /// Print a completion script for a shell

@@ -22,16 +22,16 @@ use gonio_report::canvas::{LINE, fill, legend, place, sheet, text};
 #[derive(clap::Args)]
 pub(crate) struct Options {
     /// Exposures of one static scene: 8- or 16-bit JPEG, PNG or TIFF files of equal size
-    #[arg(required = true)]
+    #[arg(required = true, value_name = "IMAGE")]
     images: Vec<PathBuf>,
     /// HDR image to write
     ///
-    /// Pixels without a valid exposure have the value of the attribute clipLevel; gonio infer
-    /// ignores and counts them. gonio also writes X.merge.png, which shows the exposure that each
-    /// pixel comes from.
+    /// gonio sets pixels without a valid exposure to the value of the EXR attribute clipLevel;
+    /// gonio infer ignores and counts them. gonio also writes X.merge.png, which shows the main
+    /// exposure of each pixel.
     #[arg(short, long, value_name = "X.exr")]
     output: PathBuf,
-    /// Write the camera's response curve as text: log exposure of each code
+    /// Write the camera's response curve as text: natural logarithm of the exposure of each code
     #[arg(long, value_name = "FILE.csv")]
     save_response: Option<PathBuf>,
     #[command(flatten)]

@@ -15,12 +15,13 @@ pub(crate) struct ReadingOptions {
     /// For exposures, this is equivalent to --response linear.
     #[arg(long, conflicts_with = "response")]
     pub(crate) linear: bool,
-    /// Exposure times in seconds, which override the EXIF data
+    /// Exposure time of each image in seconds; overrides the EXIF data
     #[arg(long, value_name = "1/30,1/8,0.5,...", value_parser = parse_times)]
     times: Option<Times>,
     /// Response curve of the camera [default: recovered from the exposures]
     ///
-    /// FILE is a curve that gonio merge --save-response wrote.
+    /// FILE is a curve that gonio merge --save-response wrote; srgb is the sRGB curve; linear means
+    /// that code values are proportional to radiance.
     #[arg(long, value_name = "FILE|srgb|linear")]
     response: Option<String>,
     /// Black level of linear 8- or 16-bit images, as a code value
@@ -36,7 +37,7 @@ pub(crate) struct ReadingOptions {
     /// Layer to read from a multi-layer OpenEXR file
     #[arg(long, value_name = "NAME")]
     layer: Option<String>,
-    /// Colour space of photographs and light maps that state none [default: rec709]
+    /// Colour space of input images that do not state one [default: rec709]
     ///
     /// A file can state its colour space by chromaticities (EXR), PRIMARIES (HDR), cICP, cHRM or
     /// gAMA (PNG), or an ICC profile. The stated space takes precedence over this option; gonio

@@ -44,7 +44,7 @@ pub(crate) struct Options {
     /// Width and height in pixels
     #[arg(long, default_value_t = 256, value_parser = clap::value_parser!(u32).range(8..=8192))]
     size: u32,
-    /// Height in pixels [default: the width]
+    /// Height in pixels, with --mesh [default: the width]
     #[arg(long, value_parser = clap::value_parser!(u32).range(8..=8192), requires = "mesh")]
     height: Option<u32>,
     /// Samples per pixel along each axis
@@ -53,9 +53,9 @@ pub(crate) struct Options {
     /// Upper bound of the relative error of the radiance
     ///
     /// gonio subdivides the light until the sum of all error bounds is below this share of the
-    /// radiance. A bound of 0.2 gives an error of about 0.5 % and takes five to ten times as long
-    /// as the default. The default samples half vectors at the resolution of the light map: the
-    /// error is about 0.5 %, without a bound.
+    /// radiance. Actual errors are much smaller: a bound of 0.2 gives an error of about 0.5 %, and
+    /// takes five to ten times as long as the default. By default, gonio samples half vectors at
+    /// the resolution of the light map, with an error of about 0.5 % but no bound.
     #[arg(long)]
     tolerance: Option<f64>,
 }

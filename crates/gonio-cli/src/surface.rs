@@ -9,7 +9,7 @@ use gonio_app::{Form, Shape, Source};
 pub(crate) struct SurfaceOptions {
     /// Triangle mesh of the object: OBJ, PLY or glTF
     ///
-    /// The built-in meshes are blob, bunny and bowl.
+    /// FILE can also be the name of a built-in mesh: blob, bunny or bowl.
     #[arg(long, value_name = "FILE", help_heading = "Shape")]
     pub(crate) mesh: Option<PathBuf>,
     /// Pose of the mesh in world coordinates (docs/camera.md)

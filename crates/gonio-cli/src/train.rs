@@ -43,18 +43,18 @@ pub(crate) struct Lighting {
     /// File to write
     #[arg(short, long)]
     output: PathBuf,
-    /// Texels along a side of the finest grid of the prior, a power of two
+    /// Texels along a side of the finest grid of the prior, a power of two from 8 to 512
     #[arg(long, default_value_t = 128)]
     grid: usize,
     /// Mapping of the sphere to the square
     #[arg(long, value_enum, default_value_t = MapName::EqualArea)]
     map: MapName,
-    /// Number of azimuths at which each map is used
+    /// Number of rotations about the vertical axis in which each map is used
     ///
-    /// With an even number, the horizontal and vertical groups have equal statistics.
+    /// With an even number, horizontal and vertical wavelets of a scale have equal statistics.
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=64))]
     turns: u32,
-    /// Clip each map at this multiple of its mean, like the limited range of a camera
+    /// Clip each map at this multiple of its mean, to simulate the limited range of a camera
     #[arg(long, value_name = "TIMES")]
     cap: Option<f64>,
     /// Seed of the random starts of the fits
@@ -135,7 +135,7 @@ pub(crate) struct Posterior {
     /// Channel of the measured BRDFs to use
     #[arg(long, value_enum, default_value_t = Channel::Luminance)]
     channel: Channel,
-    /// Number of views of lights in each group of simulated scenes
+    /// Number of views of light maps in each group of simulated scenes
     #[arg(long, default_value_t = PosteriorSettings::default().views)]
     views: usize,
     /// Number of materials in each group of simulated scenes
@@ -149,8 +149,8 @@ pub(crate) struct Posterior {
     leave_out: Option<usize>,
     /// Continue an interrupted training with the same settings
     ///
-    /// Every five minutes, a training writes its state to OUTPUT.checkpoint, which it removes when
-    /// it is finished. A resumed training gives the same result as an uninterrupted one.
+    /// gonio saves the state of the training to OUTPUT.checkpoint every five minutes, and removes
+    /// this file at the end. A resumed training gives the same result as an uninterrupted one.
     #[arg(long)]
     resume: bool,
     /// Seed of all random numbers

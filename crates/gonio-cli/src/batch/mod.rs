@@ -37,10 +37,10 @@ const TABLE: &str = "batch.csv";
 pub(crate) struct Options {
     /// Photographs, or a CSV table of photographs and options
     ///
-    /// gonio writes the results of each photograph to a folder with its name. A table has a column
-    /// image and optional columns: name for the result folder of the row, and any long option of
-    /// gonio infer (mask, normals, light-color, …). Paths are relative to the table; cells may be
-    /// empty.
+    /// gonio writes the results of each photograph to a folder named after the photograph. A table
+    /// has the column "image"; separate exposures of one scene by semicolons. Optional columns are
+    /// "name", which is the name of the result folder, and the long options of gonio infer (mask,
+    /// normals, light-color, …). Paths are relative to the table; cells may be empty.
     #[arg(required_unless_present = "merge", value_name = "IMAGE|TABLE")]
     input: Vec<PathBuf>,
     /// Folder for the result folders of all photographs, batch.csv and compare.html
@@ -176,8 +176,8 @@ fn note_path(output: &Path, name: &str) -> PathBuf {
     output.join(NOTES).join(format!("{name}.json"))
 }
 
-/// Reads the outcome of an earlier run. Returns `None` if there is none or it cannot be read; the
-/// row is then inferred again.
+/// Reads the outcome of an earlier run. Returns `None` if the file is missing or damaged; gonio
+/// then infers the row again.
 fn read_note(output: &Path, name: &str) -> Option<Note> {
     serde_json::from_value(notes::read(&note_path(output, name)).ok()?).ok()
 }

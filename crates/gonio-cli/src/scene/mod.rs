@@ -20,11 +20,12 @@ use shape::{NormalOptions, ShapeName};
 #[derive(clap::Args)]
 #[command(next_help_heading = "Input")]
 pub(crate) struct SceneOptions {
-    /// HDR photograph, or exposures of one scene; - reads standard input
+    /// HDR photograph, or exposures of one scene; use - for standard input
     ///
-    /// EXR, Radiance HDR and PFM contain linear radiance. gonio accepts PNG, TIFF and JPEG with a
-    /// warning. Several exposures (8- or 16-bit JPEG, PNG or TIFF) are merged as by gonio merge.
-    /// Standard input holds one image; gonio detects its format.
+    /// EXR, Radiance HDR and PFM contain linear radiance. gonio also accepts 8- and 16-bit PNG,
+    /// TIFF and JPEG, but warns that highlights are probably clipped. gonio merges several
+    /// exposures (8- or 16-bit JPEG, PNG or TIFF) like gonio merge. Standard input holds one image
+    /// in any of these formats.
     #[arg(required = true, value_name = "IMAGE", help_heading = None::<&str>)]
     pub(crate) images: Vec<PathBuf>,
     #[command(flatten)]
@@ -37,31 +38,31 @@ pub(crate) struct SceneOptions {
     /// Mask of the object: an image that is white on the object and black elsewhere
     ///
     /// Without a mask, gonio detects the object by the alpha channel, by a uniform background, or
-    /// by the edges of a ball. A mask of another size is scaled.
+    /// by the edges of a ball. gonio scales a mask of another size to the photograph.
     #[arg(long, value_name = "FILE", help_heading = FINDING)]
     mask: Option<PathBuf>,
-    /// Outline of the ball in pixels, instead of detecting it
+    /// Outline of the ball in pixels; replaces automatic detection
     ///
-    /// X and Y are the centre, measured from the top left corner. Repeat the option for several
-    /// balls.
+    /// X and Y are the centre, measured from the top left corner. To estimate several balls, repeat
+    /// the option.
     #[arg(long, value_name = "X,Y,RADIUS", value_parser = parse_circle, help_heading = FINDING,
           conflicts_with_all = ["normals", "mesh", "camera"])]
     circle: Vec<Circle>,
-    /// Label image of regions with different materials under one light
+    /// Label image that marks regions of different materials under one light
     ///
     /// Each region has its own index or colour; the rest is black. gonio estimates one BRDF per
     /// region.
     #[arg(long, value_name = "LABELS", help_heading = FINDING)]
     pub(crate) materials: Option<PathBuf>,
-    /// Use regions of another colour as well
+    /// Also use regions of another colour than the rest of the object
     ///
     /// By default, gonio ignores paint and stickers that it can distinguish from reflections.
     #[arg(long, help_heading = FINDING)]
     keep_colors: bool,
     /// Estimate although the photograph contradicts the shape or the light
     ///
-    /// By default, gonio refuses a mesh whose silhouette is not that of the object, and an estimate
-    /// that leaves more than half of the photograph unexplained.
+    /// By default, gonio stops with an error if the silhouette of the mesh is not that of the
+    /// object, or if the relative RMS residual of the photograph exceeds 50 %.
     #[arg(long, help_heading = FINDING)]
     force: bool,
     /// Shape of the object; gonio fits it to the outline
@@ -72,12 +73,13 @@ pub(crate) struct SceneOptions {
     surface: SurfaceOptions,
     /// Normal map of the object, for any shape: EXR, NPY or PNG
     ///
-    /// Normals are in camera space: x points right, y up, and z towards the camera.
+    /// Normals are in camera coordinates: x points right, y up, and z towards the camera.
     #[arg(long, value_name = "FILE", conflicts_with = "mesh", help_heading = SHAPE)]
     normals: Option<PathBuf>,
     #[command(flatten, next_help_heading = SHAPE)]
     normal_options: NormalOptions,
-    /// Semi-axis of an ellipsoid towards the camera, in pixels
+    /// Semi-axis of an ellipsoid towards the camera, in pixels [default: the geometric mean of the
+    /// other two]
     #[arg(long, value_name = "PIXELS", value_parser = parse_positive, allow_negative_numbers = true, help_heading = SHAPE)]
     depth_axis: Option<f64>,
     #[command(flatten, next_help_heading = REFERENCE)]

@@ -12,10 +12,10 @@ use super::parse_circle;
 /// Options for a neutral reference.
 #[derive(clap::Args)]
 pub(super) struct ReferenceOptions {
-    /// White patch in the photograph: a disk of pixels
+    /// White patch in the photograph: a disk, in pixels from the top left corner
     ///
-    /// The patch determines the colour of the light. If it faces the camera beside the object, it
-    /// also determines the scale of the BRDF (docs/references.md).
+    /// The patch determines the colour of the light. If it is beside the object and faces the
+    /// camera, it also determines the scale of the BRDF (docs/references.md).
     #[arg(long, value_name = "X,Y,RADIUS", value_parser = parse_circle, conflicts_with_all = ["grey_card", "color_checker"])]
     white: Option<Circle>,
     /// Grey card in the photograph: a mask that is white on the card
@@ -25,9 +25,10 @@ pub(super) struct ReferenceOptions {
     grey_card: Option<PathBuf>,
     /// 24-patch colour chart (ColorChecker Classic) in the photograph
     ///
-    /// The chart determines the same quantities as --white. auto detects the chart. CORNERS are the
-    /// centres of its corner patches in the order dark skin, bluish green, black, white:
-    /// X,Y,X,Y,X,Y,X,Y in pixels from the top left corner.
+    /// The chart determines the same quantities as --white. With auto or without a value, gonio
+    /// detects the chart. CORNERS are the centres of the corner patches as X,Y,X,Y,X,Y,X,Y, in
+    /// pixels from the top left corner of the image. Their order is dark skin, bluish green, black,
+    /// white.
     #[arg(long, alias = "colour-checker", value_name = "auto|CORNERS", num_args = 0..=1, default_missing_value = "auto",
           value_parser = parse_chart)]
     color_checker: Option<ChartPlace>,
@@ -36,8 +37,8 @@ pub(super) struct ReferenceOptions {
     reference_reflectance: Option<f64>,
     /// Use the colour of the reference, but not its brightness
     ///
-    /// Use this option if the reference does not face the camera or is not under the same light as
-    /// the object.
+    /// Use this option if the reference does not face the camera or is not under the light of the
+    /// object.
     #[arg(long)]
     reference_color_only: bool,
 }

@@ -29,7 +29,7 @@ pub(super) struct NormalOptions {
     /// The z axis of the normals points away from the camera
     #[arg(long, requires = "normals")]
     normals_flip_z: bool,
-    /// Axes that the channels of the normal map store, in order
+    /// Order of the axes in the channels of the normal map
     #[arg(long, value_name = "xyz|yxz|zyx|…", default_value = "xyz", requires = "normals", value_parser = parse_order)]
     normals_order: ChannelOrder,
     /// Use the normals even if they fail the consistency checks
@@ -40,7 +40,7 @@ pub(super) struct NormalOptions {
     /// The format is EXR, NPY or 16-bit PNG.
     #[arg(long, value_name = "FILE", requires = "normals", conflicts_with = "positions")]
     depth: Option<PathBuf>,
-    /// Depths of the smallest and the largest code of a 16-bit depth map
+    /// Depths of the codes 0 and 65535 of a 16-bit depth map
     #[arg(long, value_name = "NEAR,FAR", requires = "depth", value_parser = parse_range, allow_hyphen_values = true)]
     depth_range: Option<(f64, f64)>,
     /// Depths are distances along the viewing rays, not along the optical axis

@@ -72,8 +72,8 @@ def read_normals(path: Path) -> Floats:
     Returns
     -------
     ndarray of float32
-        Normals of shape (height, width, 3) in camera space: x points right, y up, and z towards the
-        camera. Pixels without a surface are zero.
+        Normals of shape (height, width, 3) in camera coordinates: x points right, y up, and z towards
+        the camera. Pixels without a surface are zero.
 
     Examples
     --------

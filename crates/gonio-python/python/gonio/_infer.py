@@ -222,13 +222,13 @@ def infer(
         gonio can distinguish them from reflections.
     force : bool, default False
         Estimate although the photograph contradicts the shape or the light. By default, a mesh whose
-        silhouette is not that of the object and an estimate that leaves more than half of the
-        photograph unexplained are errors.
+        silhouette is not that of the object and a relative RMS residual of the photograph above
+        50 % are errors.
     normals : path or array, optional
-        Normal map of the object, shape (height, width, 3), in camera space: x points right, y up,
-        and z towards the camera.
+        Normal map of the object, shape (height, width, 3), in camera coordinates: x points right, y
+        up, and z towards the camera.
     normals_order : str, default "xyz"
-        Axes that the channels of the normal map store, in order.
+        Order of the axes in the channels of the normal map.
     normals_flip_x, normals_flip_y, normals_flip_z : bool, default False
         The x axis of the normals points left, y down (as in DirectX), z away from the camera.
     trust_normals : bool, default False

@@ -162,7 +162,10 @@ pub(crate) fn of_one(
 
 /// Returns the error for an estimate that the photograph contradicts, with suggestions.
 fn contradicted(image: &str, seen: &Seen, lit: bool, misfit: f64) -> Problem {
-    let text = format!("light and material leave {:.0} % of the photograph unexplained", 100.0 * misfit);
+    let (percent, most) = (100.0 * misfit, 100.0 * MAX_MISFIT);
+    let text = format!(
+        "light and material do not reproduce the photograph: the relative RMS residual is {percent:.0} % (limit {most:.0} %)"
+    );
     let problem = Problem::of(image, text);
     let problem = if lit { problem.with(Remedy::AlignLight) } else { problem };
     let problem = match &seen.sighting.placed {

@@ -67,8 +67,8 @@ pub(crate) fn find(
     if noise > UNEXPLAINED {
         warnings.push(
             format!(
-                "the solver did not converge: light and reflectance leave {:.0} % of the photograph unexplained; the \
-                 result is unreliable",
+                "the solver did not converge: the relative RMS residual of the photograph is {:.0} %; the result is \
+                 unreliable",
                 100.0 * noise
             )
             .into(),

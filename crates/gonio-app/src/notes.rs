@@ -93,9 +93,9 @@ pub fn estimate(estimate: &Estimate) -> Value {
         "posterior": posterior(material, ALBEDO),
         "reflectance": {
             "quantiles": "brdf_quantiles.npy",
-            "note": "brdf.binary is the mean of the posterior, in 1/sr with an albedo of 0.5 at normal incidence; brdf_quantiles.npy \
-                     contains its 5, 25, 75 and 95 % quantiles, [quantile][theta_h][theta_d]; a photograph under unknown light does \
-                     not determine the scale of reflectance",
+            "note": "brdf.binary is the mean of the posterior, in 1/sr with an albedo of 0.5 at normal incidence. brdf_quantiles.npy \
+                     contains the 5, 25, 75 and 95 % quantiles, [quantile][theta_h][theta_d]. A photograph under unknown light does \
+                     not determine the scale of reflectance.",
         },
         "light": light_notes(light),
         "noise": {
@@ -124,9 +124,9 @@ pub fn under_known_light(found: &LitEstimate, ask: &KnownLight) -> Value {
             "quantiles": "brdf_quantiles.npy",
             "absolute": ask.absolute,
             "normal_albedo": if ask.absolute { albedo } else { ALBEDO },
-            "note": "brdf.binary is the most probable BRDF, in 1/sr; brdf_quantiles.npy contains the 5, 25, 75 and 95 % quantiles of \
-                     the posterior, [quantile][theta_h][theta_d]; absolute: photograph and light map have the same scale, and the BRDF \
-                     is absolute; otherwise its albedo at normal incidence is 0.5",
+            "note": "brdf.binary is the most probable BRDF, in 1/sr. brdf_quantiles.npy contains the 5, 25, 75 and 95 % quantiles of \
+                     the posterior, [quantile][theta_h][theta_d]. If absolute is true, photograph and light map have the same scale, \
+                     and the BRDF is absolute. Otherwise, its albedo at normal incidence is 0.5.",
         },
         "known_light": {
             "map": ask.map.name("the light"),
@@ -164,8 +164,8 @@ pub(crate) fn make_absolute(sections: &mut Value, material: &Material, albedo: f
         "quantiles": "brdf_quantiles.npy",
         "absolute": true,
         "normal_albedo": albedo,
-        "note": "brdf.binary is the mean of the posterior, in 1/sr; brdf_quantiles.npy contains its 5, 25, 75 and 95 % quantiles, \
-                 [quantile][theta_h][theta_d]; absolute: the reference in the image determines the scale of brdf.binary and light.exr",
+        "note": "brdf.binary is the mean of the posterior, in 1/sr. brdf_quantiles.npy contains the 5, 25, 75 and 95 % quantiles, \
+                 [quantile][theta_h][theta_d]. The reference in the image determines the scale of brdf.binary and light.exr.",
     });
 }
 
@@ -219,9 +219,8 @@ fn posterior(material: &Material, albedo: f64) -> Value {
                  spans more than this factor; strangeness: share of the encoder's features outside of their \
                  range in training; scatter: standard deviation of pixels that share a normal, relative to their mean \
                  (noise, texture, shadows and wrong normals; 0 where too few share one); normals: cells of the disk of \
-                 normals; filled: those of them without an observation; unshadowed: mean absolute logarithm of \
-                 the ratio by which values were changed to those of a sphere, for shapes that \
-                 occlude their own light",
+                 normals; filled: cells of the disk without an observation; unshadowed: mean absolute logarithm of \
+                 the factor that converts observed values to those of a sphere, for shapes with self-shadowing",
     })
 }
 
@@ -302,7 +301,8 @@ pub fn sighting(sighting: &Sighting) -> Value {
             "support": sureness.support,
             "rival": sureness.rival,
             "note": "the ball was detected by its edges; support: share of the outline that coincides with an \
-                     edge; rival: weight of the next circle, without the edges of the ball, relative to that of the ball",
+                     edge; rival: weight of the next candidate circle, without the edges that the ball explains, \
+                     relative to the weight of the ball",
         });
     }
     if let Some((seen, inside)) = sighting.pixels {
@@ -310,9 +310,9 @@ pub fn sighting(sighting: &Sighting) -> Value {
     }
     notes["report"] = json!(sighting.observations.report);
     notes["note"] = json!(
-        "report: observed_pixels lie on the object, of which used_pixels are used; points is the number of points on the object at \
-         which the image is sampled, between pixels if it is small; used, clipped, outside, faulty, other_colour and in_shadow \
-         count these points by status"
+        "report: observed_pixels: number of pixels on the object. used_pixels: number of those that gonio uses. points: number of \
+         points on the object at which gonio samples the image, between pixels if the image is small. used, clipped, outside, \
+         faulty, other_colour and in_shadow: number of points by status."
     );
     notes
 }

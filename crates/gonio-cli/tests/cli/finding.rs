@@ -112,7 +112,7 @@ fn reports_two_objects() {
     };
     bench.write("two.exr", &exr_of(photograph(&[(60, 50)], card)));
     let run = bench.run("infer two.exr -o out").fails(&[
-        "two.exr: found 2 separate objects",
+        "two.exr: detected 2 separate objects",
         "(1) a ball in columns",
         "(2) another shape in columns",
     ]);
@@ -151,7 +151,9 @@ fn scales_masks_of_another_size() {
         let found: Value = serde_json::from_str(&run.stdout).unwrap();
         assert_near(circle_of(&found["objects"][0]), circle_of(&same["objects"][0]));
         let warned = found["warnings"].as_array().unwrap();
-        let message = format!("{name}: the mask is {size}x{size}, the photograph {SIZE}x{SIZE}; gonio scales the mask");
+        let message = format!(
+            "{name}: the mask is {size}x{size} pixels, but the photograph is {SIZE}x{SIZE}; gonio scales the mask"
+        );
         assert!(warned.iter().filter(|warning| **warning == *message).count() == 1, "{warned:?}");
     }
 }

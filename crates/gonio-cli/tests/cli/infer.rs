@@ -142,10 +142,10 @@ fn a_light_selects_the_known_light_method() {
 fn rejects_contradicting_lights_without_force() {
     let bench = lit_ball();
     bench.write("lights.txt", b"# three lamps\n1 1 1 1 1 1\n-1 0.5 1 0.5 0.5 0.5\n0 -1 0.2 0.2 0.2 0.2\n");
-    bench.refuses("infer ball.exr -o out --light lights.txt", &["unexplained", "--align-light", "--force"]);
+    bench.refuses("infer ball.exr -o out --light lights.txt", &["RMS residual", "--align-light", "--force"]);
     assert!(!bench.names("").contains(&"out".to_owned()));
     bench.run("infer ball.exr -o out --light lights.txt --force").succeeds();
-    assert!(bench.json("out/result.json")["warnings"].to_string().contains("unexplained"));
+    assert!(bench.json("out/result.json")["warnings"].to_string().contains("RMS residual"));
     bench.write("bad.txt", b"1 1 1 1 1 1\n1 2 3\n");
     bench.refuses("infer ball.exr -o bad --light bad.txt", &["bad.txt", "line 2", "x y z r g b"]);
 }

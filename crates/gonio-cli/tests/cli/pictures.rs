@@ -40,7 +40,7 @@ fn ignores_and_reports_negative_and_nan_pixels() {
     for shape in ["", "--normals normals.npy"] {
         let run = bench.run(&format!("infer spoilt.exr -o spoilt --grid 8 {shape}")).succeeds();
         assert!(
-            run.stderr.contains("spoilt.exr: of ") && run.stderr.contains("500 are negative and 20 are NaN"),
+            run.stderr.contains("spoilt.exr: 500 of ") && run.stderr.contains("are negative, and 20 are NaN"),
             "{run:?}"
         );
         let spoilt = logs(&bench.luminance("spoilt"));
@@ -49,7 +49,7 @@ fn ignores_and_reports_negative_and_nan_pixels() {
         let result = bench.json("spoilt/result.json");
         let report = &result["observations"]["report"];
         assert_eq!((&report["negative"], &report["not_finite"]), (&500.into(), &20.into()));
-        assert!(result["warnings"].to_string().contains("500 are negative"), "{}", result["warnings"]);
+        assert!(result["warnings"].to_string().contains("spoilt.exr: 500 of "), "{}", result["warnings"]);
         let used = read(bench.path("spoilt/used.png"), &ReadOptions::default()).unwrap().picture.rgb;
         assert!(used.width() == 512 && used.height() > 512);
     }

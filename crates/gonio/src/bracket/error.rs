@@ -58,8 +58,7 @@ pub enum BracketError {
     /// The exposures do not determine the response.
     #[error(
         "the response curve cannot be recovered: only {pixels} pixels are neither black nor clipped in two \
-         exposures of different times, {least} are required; use exposures with closer times, or specify the \
-         response curve"
+         exposures of different times, {least} are required; use exposures with closer times, or specify the curve"
     )]
     TooLittleOverlap {
         /// Number of informative pixels, in the first channel that has too few.
@@ -69,7 +68,7 @@ pub enum BracketError {
     },
     /// No curve explains the bracket.
     #[error(
-        "no response curve explains the exposures: the best one leaves a difference of {percent:.0} %; check the \
+        "no response curve explains the exposures: the best curve leaves a median difference of {percent:.0} %; check the \
          times, and that camera, scene and light did not change"
     )]
     NoResponse {
@@ -93,8 +92,8 @@ pub enum BracketError {
     },
     /// Camera or scene moved.
     #[error(
-        "the exposures are inconsistent: {moved} of {compared} pixels disagree, because camera, object or light \
-         moved, or the response curve is wrong; take the bracket again from a tripod"
+        "the exposures are inconsistent: {moved} of {compared} pixels disagree; possible causes are motion and a \
+         wrong response curve; take the exposures again from a tripod"
     )]
     Motion {
         /// Number of pixels whose exposures no single radiance explains.

@@ -83,44 +83,42 @@ impl fmt::Display for Doubt {
             Self::Clipped { gain, sd } => write!(
                 f,
                 "the brightest pixels of the light map are clipped; according to the photograph, their true \
-                 radiance is {gain:.1} times higher ({:.1} to {:.1})",
+                 radiance is {gain:.1} times their value (90 % interval {:.1} to {:.1})",
                 gain * (-1.645 * sd).exp(),
                 gain * (1.645 * sd).exp(),
             ),
             Self::Coarse(degrees) => write!(
                 f,
-                "the pixels of the light map are {degrees:.1} degrees wide, wider than the highlight; the sharpness \
+                "the pixels of the light map are {degrees:.1} degrees wide, wider than the highlight, so the sharpness \
                  of the material is undetermined; use a light map of higher resolution"
             ),
             Self::Misfit { left, expected, reason } => write!(
                 f,
-                "light and material leave {:.0} % of the photograph unexplained, but only {:.0} % is expected; the \
-                 probable cause is {}",
+                "the relative RMS residual of the photograph is {:.0} %, but only {:.0} % is expected; possible causes \
+                 are {}",
                 100.0 * left,
                 100.0 * expected,
                 match reason {
-                    Reason::Texture => "strong texture or noise",
+                    Reason::Texture => "strong texture and noise",
                     Reason::Light =>
                         "a light map that is rotated, clipped, too coarse or from another place, several materials, \
-                         self-shadowing, or a misaligned outline or normal map",
+                         self-shadowing, and a misaligned outline or normal map",
                     Reason::Regions =>
-                        "a wrong camera or pose, a misaligned outline or normal map, several materials, self-shadowing, or \
-                         nearby lights",
+                        "a wrong camera or pose, a misaligned outline or normal map, several materials, self-shadowing, \
+                         and nearby lights",
                 }
             ),
             Self::Channel { channel, left } => write!(
                 f,
-                "light and material explain the luminance, but leave {:.0} % of the {} channel unexplained; the \
-                 probable cause is a light map with another white balance or colour space, or an object with \
-                 several colours",
+                "the relative RMS residual beyond that of the luminance is {:.0} % in the {} channel; possible causes \
+                 are a light map with another white balance or colour space, and several colours",
                 100.0 * left,
                 ["red", "green", "blue"][*channel],
             ),
             Self::Colours(apart) => write!(
                 f,
-                "photograph and BRDF differ by {:.0} % along the green-magenta axis, more than most lights vary; \
-                 possible causes are wrong colours of body or highlight, an object with more than two colours, or \
-                 partly green light, as over grass; gonio widened the intervals of the colours accordingly",
+                "photograph and BRDF differ by {:.0} % from green to magenta, more than most lights vary; gonio widened the \
+                 colour intervals; possible causes are more than two colours and partly green light",
                 100.0 * (apart.exp() - 1.0)
             ),
             Self::Open(share) => write!(

@@ -14,7 +14,7 @@ pub enum ProbeError {
     #[error(transparent)]
     Scene(#[from] SceneError),
     /// The object is not a ball.
-    #[error("only a ball can be unwrapped; specify its outline or a mask")]
+    #[error("gonio can unwrap only a ball; specify its outline or a mask")]
     NotABall,
     /// The ball shows too few directions.
     #[error(
@@ -121,7 +121,10 @@ impl fmt::Display for ProbeOddity {
                  there; add shorter exposures"
             ),
             Self::Faulty { faulty, used } => {
-                write!(f, "{faulty} pixels on the ball are negative, NaN or infinite and are ignored; {used} are valid")
+                write!(
+                    f,
+                    "gonio ignores {faulty} pixels on the ball that are negative, NaN or infinite; {used} are valid"
+                )
             }
             Self::Matte(share) => write!(
                 f,
@@ -144,8 +147,8 @@ impl fmt::Display for ProbeOddity {
             ),
             Self::Brightness(ratio) => write!(
                 f,
-                "the second view is {ratio:.2} times as bright as the first where they overlap; gonio divided by \
-                 this factor"
+                "the second view is {ratio:.2} times as bright as the first where they overlap; gonio divided \
+                 the second view by this factor"
             ),
         }
     }

@@ -135,8 +135,8 @@ pub enum SceneError {
     },
     /// The normals are (nearly) all the same.
     #[error(
-        "the shape is too flat to separate light and reflectance: its normals occupy only {directions} cells of a \
-         grid of 1.6 degrees, {least} are required; use a rounder object"
+        "the shape is too flat to separate light and reflectance: its normals occupy only {directions} cells of 1.6 \
+         degrees, {least} are required; use a rounder object"
     )]
     TooFlat {
         /// Number of cells of the grid of directions that contain a normal.
@@ -147,7 +147,7 @@ pub enum SceneError {
     /// Too many pixels have values that are not radiances (negative, NaN or infinite).
     #[error(
         "too few of the object's {observed} pixels are valid: {negative} are negative and {not_finite} are NaN or \
-         infinite; write the image again from linear radiance, or check that the mask or circle lies on the object"
+         infinite; write the image from linear radiance, or check the mask or circle"
     )]
     BadPixels {
         /// Pixels of negative luminance.
@@ -182,15 +182,15 @@ pub enum SceneError {
     #[error("no object found: the image has no alpha channel, no uniform background and no clear circle")]
     NoOutline,
     /// Several objects were detected.
-    #[error("found {} separate objects: {}", .objects.len(), listed(.objects))]
+    #[error("detected {} separate objects: {}", .objects.len(), listed(.objects))]
     Several {
         /// The objects, the largest first.
         objects: Vec<Extent>,
     },
     /// No circle was reliably detected on a non-uniform background.
     #[error(
-        "the ball was not reliably detected: of {}, the best has edges along {:.0} % of its outline",
-        counted(.candidates.len()),
+        "the ball was not reliably detected: {} has edges along {:.0} % of its outline",
+        best_of(.candidates.len()),
         100.0 * .candidates.first().map_or(0.0, |first| first.support)
     )]
     Unsure {
@@ -199,7 +199,7 @@ pub enum SceneError {
     },
     /// The surface is not aligned with the mask.
     #[error(
-        "the shape is not aligned with the object: only {:.0} % of their pixels overlap",
+        "the shape is not aligned with the object: the intersection over union of their pixels is only {:.0} %",
         100.0 * .overlap
     )]
     Elsewhere {
@@ -277,6 +277,10 @@ fn listed(objects: &[Extent]) -> String {
     objects.iter().enumerate().map(one).collect::<Vec<_>>().join(", ")
 }
 
-fn counted(circles: usize) -> String {
-    if circles == 1 { "one candidate circle".to_owned() } else { format!("{circles} candidate circles") }
+fn best_of(circles: usize) -> String {
+    if circles == 1 {
+        "the only candidate circle".to_owned()
+    } else {
+        format!("the best of {circles} candidate circles")
+    }
 }

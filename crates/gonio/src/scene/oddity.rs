@@ -80,7 +80,7 @@ impl fmt::Display for Oddity {
         match self {
             Self::Misplaced { overlap } => write!(
                 f,
-                "the shape is not exactly aligned with the object: {:.0} % of their pixels overlap",
+                "the shape is not exactly aligned with the object: the intersection over union of their pixels is {:.0} %",
                 100.0 * overlap
             ),
             Self::Inside { inside, seen } => write!(
@@ -102,27 +102,25 @@ impl fmt::Display for Oddity {
                     (n, 0) => format!("{n} of {observed} pixels on the object are negative"),
                     (0, n) => format!("{n} of {observed} pixels on the object are NaN or infinite"),
                     (n, m) => {
-                        format!("of {observed} pixels on the object, {n} are negative and {m} are NaN or infinite")
+                        format!("{n} of {observed} pixels on the object are negative, and {m} are NaN or infinite")
                     }
                 };
                 write!(f, "{what}; gonio ignores them")
             }
             Self::Outliers { outliers, observed } => write!(
                 f,
-                "{outliers} of {observed} pixels on the object differ strongly from their neighbours and are ignored; a sensor \
-                 has fewer hot and dead pixels, so the photograph is noisy, the rendering has fireflies, or the material \
-                 glitters; use a longer exposure or more samples per pixel"
+                "gonio ignores {outliers} of {observed} pixels on the object, which differ strongly from their neighbours; \
+                 possible causes are noise, fireflies and glitter; use a longer exposure or more samples per pixel"
             ),
             Self::Isolated { isolated, observed } => write!(
                 f,
-                "{isolated} of {observed} pixels on the object differ strongly from their neighbours; gonio uses them because the \
-                 object has sharp reflections or glitters; if they are hot pixels or fireflies, the gloss is unreliable, \
-                 so remove them from the photograph"
+                "gonio uses {isolated} of {observed} pixels that differ strongly from their neighbours, because the object \
+                 has sharp reflections or glitters; remove hot pixels and fireflies, which make the gloss unreliable"
             ),
             Self::OtherColour { pixels, observed } => {
                 write!(
                     f,
-                    "{pixels} of {observed} pixels on the object have another colour than the rest and are ignored"
+                    "{pixels} of {observed} pixels on the object have another colour than the rest; gonio ignores them"
                 )
             }
         }

@@ -52,7 +52,7 @@ impl std::fmt::Display for Sureness {
         let Self { support, rival } = self;
         write!(f, "detected by its edges: {:.0} % of its outline is visible", 100.0 * support)?;
         if *rival > 0.0 {
-            write!(f, ", weight of the next circle {:.0} %", 100.0 * rival)?;
+            write!(f, ", relative weight of the next candidate circle {:.0} %", 100.0 * rival)?;
         }
         Ok(())
     }

@@ -178,7 +178,7 @@ fn detects_or_rejects_balls_on_textures() {
 }
 
 #[test]
-fn detects_no_ball_where_there_is_none() {
+fn detects_no_ball_in_backdrops_alone() {
     let mut found = Vec::new();
     for (kind, backdrop) in BACKDROPS.into_iter().enumerate() {
         for seed in 0..6 {
@@ -287,7 +287,7 @@ fn reports_separate_objects() {
     let square = objects.iter().find(|object| object.circle.is_none()).unwrap();
     assert!(square.from.0.abs_diff(300) <= 1 && square.to.1.abs_diff(240) <= 1, "{square:?}");
     assert_eq!(refused.remedies(), [Remedy::OneOf(vec![round]), Remedy::Mask]);
-    assert!(refused.to_string().starts_with("found 2 separate objects: (1) "), "{refused}");
+    assert!(refused.to_string().starts_with("detected 2 separate objects: (1) "), "{refused}");
     // Objects that are small compared with the largest are ignored.
     let speck = |x: f64, y: f64| (300.0..320.0).contains(&x) && (100.0..120.0).contains(&y);
     let found = spot(&shapes(|x, y| ball(x, y) || speck(x, y)), None).unwrap().circle;

@@ -177,7 +177,8 @@ impl Export {
     }
 }
 
-/// Reads the light of a folder of results in colour, for [`Export::light`]; `None` if it has none.
+/// Reads the light of a folder of results in colour, for [`Export::light`]; `None` if the folder
+/// has no light.
 ///
 /// # Errors
 /// If the file cannot be read.

@@ -319,8 +319,8 @@ pub fn merge_files(
         warnings.push(format!("{}: {percent:.0} % {side} than its exposure time implies", path.display()).into());
     }
     for (count, what) in [
-        (report.moved, "are ignored because the exposures disagree; possible causes are motion and JPEG artefacts"),
-        (report.dark, "are black in all exposures; they are set to half of the smallest measurable radiance"),
+        (report.moved, "differ between exposures; gonio ignores them; possible causes are motion and JPEG artefacts"),
+        (report.dark, "are black in all exposures; gonio sets them to half of the smallest measurable radiance"),
     ] {
         if count > 0 {
             warnings.push(format!("{}: {count} of {} pixels {what}", names(), report.pixels).into());

@@ -215,8 +215,8 @@ pub(crate) fn too_bright(scale: AbsoluteScale) -> Option<Warning> {
     let albedo = ALBEDO * scale.factor;
     (albedo > MAX_ALBEDO).then(|| {
         let text = format!(
-            "the reference implies an albedo of {albedo:.2} at normal incidence, above the physical limit of 1; the \
-             reference receives less light than the object, does not face the camera, or has another reflectance"
+            "the reference implies an albedo of {albedo:.2} at normal incidence, above the physical limit of 1; \
+             possible causes are shadow on the reference, its orientation, and its reflectance"
         );
         Warning::new(text, vec![Remedy::ReferenceColourOnly])
     })

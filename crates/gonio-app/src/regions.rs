@@ -238,7 +238,7 @@ pub(crate) fn parts(
             let found = separate_balls(picture, mask);
             if found.len() > MOST {
                 let problem = format!(
-                    "{} balls detected, at most {MOST} are supported; select balls by a mask or circles",
+                    "detected {} balls, more than the limit of {MOST}; select balls by a mask or circles",
                     found.len()
                 );
                 return Err(Problem::of(&scene.name, problem));
@@ -267,7 +267,7 @@ fn read_labels(
         let ((w, h), (pw, ph)) = (labels.size(), size);
         return Err(Problem::of(
             name,
-            format!("the labels are {w}x{h}, but {image} is {pw}x{ph}; use labels of the same size"),
+            format!("the labels are {w}x{h} pixels, but {image} is {pw}x{ph}; use labels of the same size"),
         ));
     }
     let code = |v: Vec3| v.to_array().map(|v| (v.clamp(0.0, 1.0) * 255.0).round() as u8);

@@ -143,7 +143,7 @@ pub(crate) fn read_mask(
     }
     let ((w, h), (pw, ph)) = (mask.size(), size);
     let said = |what: &str| {
-        let text = format!("the mask is {w}x{h}, the photograph {pw}x{ph}; {what}");
+        let text = format!("the mask is {w}x{h} pixels, but the photograph is {pw}x{ph}; {what}");
         if name == UNNAMED_MASK { text } else { format!("{name}: {text}") }
     };
     if !alike(mask.size(), size) {

@@ -127,7 +127,7 @@ impl Shape {
             (Form::Sphere(None), Some(camera)) => Object::Ball(camera),
             (Form::Sphere(Some(_)), Some(_)) => {
                 return Err(Problem::new(
-                    "circle and camera cannot be combined; remove the circle, because gonio detects the ball with a camera",
+                    "circle and camera cannot be combined; remove the circle, because gonio detects the ball in perspective",
                 ));
             }
             (Form::Ellipsoid(depth), None) => Object::Ellipsoid(depth),
@@ -214,7 +214,7 @@ impl Places {
         if places.size() != size {
             let ((w, h), (pw, ph)) = (places.size(), size);
             return Err(Problem::new(format!(
-                "{name} is {w}x{h}, but {image} is {pw}x{ph}; use images of the same size"
+                "{name} is {w}x{h} pixels, but {image} is {pw}x{ph}; use images of the same size"
             )));
         }
         Ok(Relief { places, camera })

@@ -264,11 +264,13 @@ pub fn posterior(
     progress: Progress<'_>,
 ) -> Result<(LearntPosterior, TrainingLosses, String), TrainingError> {
     let PosteriorSettings { channel, views, draws, steps, leave_out, seed } = *settings;
-    if views == 0 || draws == 0 || steps == 0 {
-        return Err(TrainingError::Setting("views, draws and steps must be at least 1".into()));
+    for (name, value) in [("views", views), ("draws", draws), ("steps", steps)] {
+        if value == 0 {
+            return Err(TrainingError::Setting(format!("{name} 0: must be at least 1")));
+        }
     }
     if leave_out.is_some_and(|every| every < 2) {
-        return Err(TrainingError::Setting("leave-out must be at least 2".into()));
+        return Err(TrainingError::Setting("leave-out: must be at least 2".into()));
     }
     let mut tables = Vec::new();
     for some in materials {

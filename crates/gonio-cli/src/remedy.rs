@@ -18,18 +18,18 @@ pub(crate) fn words(remedy: &Remedy) -> Option<String> {
         Remedy::NormalAxes(corrections) => return axes(corrections),
         Remedy::OneOf(circles) => return one_of(circles),
         Remedy::TrustNormals => "skip this check with --trust-normals",
-        Remedy::KeepColours => "use them with --keep-colors",
+        Remedy::KeepColours => "to use them, specify --keep-colors",
         Remedy::AlignLight => "search for the rotation of the light map with --align-light",
         Remedy::Force => "use --force to estimate anyway",
         Remedy::Linear => "use --linear if the values are linear radiance",
-        Remedy::Layer => "select another with --layer NAME",
-        Remedy::DepthRange => "specify the range with --depth-range NEAR,FAR",
+        Remedy::Layer => "select another layer with --layer NAME",
+        Remedy::DepthRange => "--depth-range NEAR,FAR specifies the range",
         Remedy::ChartCorners => {
             "specify the centres of its corner patches (dark skin, bluish green, black, white) with --color-checker X,Y,X,Y,X,Y,X,Y"
         }
         Remedy::ClipLevel => "if they are not clipped, specify the clipping level with --clip VALUE",
         Remedy::ReferenceColourOnly => "use only its colour with --reference-color-only",
-        Remedy::Times => "specify them with --times",
+        Remedy::Times => "--times 1/30,1/8,... specifies them",
         Remedy::Separately => "pass one photograph at a time, or use `gonio batch IMAGE... -o DIR` for several",
         Remedy::Turn => "specify the angle with --second-yaw DEGREES",
         Remedy::SecondOutline => "specify the outline of the ball with --second-circle X,Y,RADIUS",

@@ -20,8 +20,7 @@ pub(crate) fn open(path: &Path) -> Result<(File, u64), Error> {
 /// Reads a whole file of at most `max` bytes. A longer file is rejected before any allocation.
 pub(crate) fn read_whole(path: &Path, max: u64) -> Result<Vec<u8>, Error> {
     let (file, length) = open(path)?;
-    let too_long =
-        || Error::limits(path, format!("is longer than {max} bytes"), "reduce the file size or increase the limit");
+    let too_long = || Error::limits(path, format!("is larger than the limit of {max} bytes"), "use a smaller file");
     if length > max {
         return Err(too_long());
     }
@@ -42,11 +41,7 @@ pub(crate) fn read_stream(name: &Path, stream: impl Read, max: u64) -> Result<Ve
     let mut bytes = Vec::new();
     stream.take(max.saturating_add(1)).read_to_end(&mut bytes).map_err(|e| Error::io(name, "read", e))?;
     if bytes.len() as u64 > max {
-        return Err(Error::limits(
-            name,
-            format!("is longer than {max} bytes"),
-            "reduce the file size or increase the limit",
-        ));
+        return Err(Error::limits(name, format!("is larger than the limit of {max} bytes"), "use a smaller file"));
     }
     if bytes.is_empty() {
         return Err(Error::damaged(name, "is empty"));

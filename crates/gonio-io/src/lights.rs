@@ -26,19 +26,19 @@ pub fn read_lights(path: impl AsRef<Path>) -> Result<Vec<(DVec3, Vec3)>, Error> 
 /// Decodes a list of lights. `path` is only used in error messages.
 ///
 /// # Errors
-/// As [`read_lights`].
+/// Errors of [`read_lights`].
 pub fn decode_lights(path: &Path, bytes: &[u8]) -> Result<Vec<(DVec3, Vec3)>, Error> {
     let text = std::str::from_utf8(bytes).map_err(|_| Error::damaged(path, "is not text"))?;
     let lines = text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty() && !line.starts_with('#'));
     let light = |(at, line): (usize, &str)| {
         light(line).ok_or_else(|| {
-            let wanted = "use x y z r g b: a direction and a non-negative irradiance";
-            Error::damaged(path, format!("line {}: {wanted}", at + 1))
+            let advice = "write x y z r g b: a direction and a non-negative irradiance";
+            Error::invalid(path, format!("line {} is not a directional light", at + 1), advice)
         })
     };
     let lights = lines.map(light).collect::<Result<Vec<_>, Error>>()?;
     if lights.is_empty() {
-        return Err(Error::damaged(path, "contains no lights"));
+        return Err(Error::invalid(path, "contains no lights", "write one directional light per line"));
     }
     Ok(lights)
 }

@@ -35,19 +35,19 @@ pub(crate) fn words(remedy: &Remedy) -> Option<String> {
             return (!listed.is_empty()).then(|| format!("select one with {}", listed.join(" or ")));
         }
         Remedy::TrustNormals => "skip this check with trust_normals=True",
-        Remedy::KeepColours => "use them with keep_colors=True",
+        Remedy::KeepColours => "to use them, specify keep_colors=True",
         Remedy::AlignLight => "search for the rotation of the light map with align_light=\"around\"",
         Remedy::Force => "use force=True to estimate anyway",
         Remedy::Linear => "use linear=True if the values are linear radiance",
-        Remedy::Layer => "select another with layer=NAME",
+        Remedy::Layer => "select another layer with layer=NAME",
         Remedy::Separately => "pass one photograph at a time, or use infer_many for several",
-        Remedy::DepthRange => "specify the range with depth_range=(near, far)",
+        Remedy::DepthRange => "depth_range=(near, far) specifies the range",
         Remedy::ChartCorners => {
             "specify the centres of its corner patches (dark skin, bluish green, black, white) with color_checker=[(x, y), ...]"
         }
         Remedy::ClipLevel => "if they are not clipped, specify the clipping level with clip=",
         Remedy::ReferenceColourOnly => "use only its colour with reference_color_only=True",
-        Remedy::Times => "specify them with times=[...]",
+        Remedy::Times => "times=[...] specifies them",
         Remedy::Turn => "specify the angle with second_yaw=DEGREES",
         Remedy::SecondOutline => "specify the outline of the ball with second_circle=(x, y, radius)",
         Remedy::SecondMask => "specify a mask with second_mask=",

@@ -42,7 +42,7 @@ def test_damaged_files_raise_errors(ball, tmp_path):
         ({"color": "red"}, 'color "red": must be'),
         ({"color": "none", "light_color": (1, 1, 1)}, "light_color requires"),
         ({"light_color": (1, 0, 1)}, "three positive linear numbers"),
-        ({"mask": np.ones((3, 4))}, "the mask is 4x3, the photograph 48x48"),
+        ({"mask": np.ones((3, 4))}, "the mask is 4x3 pixels, but the photograph is 48x48"),
         ({"mask": np.full((48, 48), 2.0)}, "the mask: has values outside of 0 to 1"),
         ({"mask": np.ones((48, 48, 3))}, r"the mask: has the shape \(48, 48, 3\)"),
         ({"circle": (1, 2, 0)}, "circle: must be three numbers"),

@@ -69,7 +69,7 @@ def test_arguments_are_not_copied(small):
     rgb = np.ascontiguousarray(np.broadcast_to(np.float32(1), (6000, 6000, 3)))
     mask = np.zeros((5, 5), np.float32)
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    with pytest.raises(gonio.GonioError, match="the mask is 5x5, the photograph 6000x6000"):
+    with pytest.raises(gonio.GonioError, match="the mask is 5x5 pixels, but the photograph is 6000x6000"):
         gonio.infer(rgb, mask=mask)
     grown = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) * 1024
     assert grown < 0.25 * rgb.nbytes

@@ -77,7 +77,7 @@ def test_two_views_are_merged():
         ({"reflectance": (1, 1)}, "reflectance: must be one number"),
         ({"circle": (1, 2, 0)}, "circle: must be three numbers"),
         ({"second_yaw": 3.0}, "specify it with second="),
-        ({"mask": np.ones((3, 4))}, "the mask is 4x3, the photograph 160x160"),
+        ({"mask": np.ones((3, 4))}, "the mask is 4x3 pixels, but the photograph is 160x160"),
         ({"second": np.random.default_rng(1).random((80, 80, 3))}, "the second image: .*; specify a mask with second_mask=, or specify the outline"),
         ({"clip": -1.0}, "clip -1.0"),
     ],

@@ -129,7 +129,7 @@ fn accepts_older_results_and_missing_files() {
     File::create(bench.path("old/relit.png")).unwrap().set_len(1 << 43).unwrap();
     bench.run("compare whole old").succeeds();
     File::create(bench.path("old/result.json")).unwrap().set_len(1 << 43).unwrap();
-    bench.refuses("compare whole old", &["old/result.json: is longer than"]);
+    bench.refuses("compare whole old", &["old/result.json: is larger than"]);
 }
 
 #[test]

@@ -66,7 +66,7 @@ fn limits_the_size_of_result_files() {
     bench.run("batch -o out --merge").succeeds();
     assert!(String::from_utf8(bench.read("out/batch.csv")).unwrap().contains("ball,missing"));
     vast("out/ball/posterior.json");
-    bench.run("combine out/ball out/ball -o both").fails(&["posterior.json: is longer than"]);
+    bench.run("combine out/ball out/ball -o both").fails(&["posterior.json: is larger than"]);
     vast("out/ball/brdf.binary");
     bench.run("export out/ball").fails(&["brdf.binary"]);
     bench.write("out/ball/posterior.json", "[".repeat(1 << 20).as_bytes());

@@ -84,7 +84,7 @@ fn rejects_invalid_masks() {
         ("empty.exr", "empty.exr: the mask is empty"),
         ("full.exr", "full.exr: the mask covers the whole image"),
         ("odd.exr", "odd.exr: contains the value 3"),
-        ("tall.exr", "tall.exr: the mask is 24x48, the photograph 48x48"),
+        ("tall.exr", "tall.exr: the mask is 24x48 pixels, but the photograph is 48x48"),
         ("bar.png", "bar.png: the outline is not a circle"),
         ("oval.png", "oval.png: the outline is an ellipse"),
         ("normals.npy", "normals.npy: "),

@@ -66,13 +66,13 @@ struct Coded {
 /// camera raw files.
 ///
 /// The amount of light of each is its exposure time times its ISO sensitivity over the square of
-/// its f-number; if no file states the sensitivity or the f-number, it is assumed to be the same
-/// for all. With [`BracketOptions::times`], the amount is the given time alone. A single file needs
-/// none of these.
+/// its f-number. A sensitivity or an f-number that no file states counts as equal for all. With
+/// [`BracketOptions::times`], the amount is the given time alone. A single file requires no
+/// exposure time.
 ///
 /// # Errors
-/// If a file cannot be read, is damaged or contains no integers; if files differ in size, depth or
-/// orientation; if exposure times are missing, or if only some files state sensitivity or f-number.
+/// If a file cannot be read, is damaged or contains no integers. If files differ in size, depth or
+/// orientation. If exposure times are missing, or if only some files state sensitivity or f-number.
 pub fn read_bracket(paths: &[PathBuf], options: &BracketOptions) -> Result<Bracket, Error> {
     let mut files = Vec::new();
     for path in paths {
@@ -186,7 +186,8 @@ fn check_alike(files: &[(&Path, Coded)]) -> Result<(), Error> {
         return Err(Error::invalid(path, problem, "use exposures of the same colour space"));
     }
     if (w * h) as u64 * files.len() as u64 > MOST_PIXELS {
-        let problem = format!("is exposure {} of {w}x{h} pixels, which exceeds the limit for merging", files.len());
+        let problem =
+            format!("is exposure {} of {w}x{h} pixels, which exceeds the total of {MOST_PIXELS} pixels", files.len());
         return Err(Error::limits(path, problem, "scale the exposures down, or use fewer"));
     }
     Ok(())
@@ -234,7 +235,7 @@ fn amounts(files: &[(&Path, Coded)], times: Option<&[f64]>) -> Result<Vec<f64>, 
             return Ok(vec![1.0; files.len()]);
         }
         let value = |(told, (path, _)): (&Option<f64>, &(&Path, Coded))| {
-            told.ok_or_else(|| by_hand(path, format!("has no {what} in its EXIF data, but other exposures have")))
+            told.ok_or_else(|| by_hand(path, format!("has no {what} in its EXIF data, but other exposures do")))
         };
         told.iter().zip(files).map(value).collect()
     };

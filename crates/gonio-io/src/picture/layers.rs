@@ -158,7 +158,7 @@ pub(super) fn choose(path: &Path, headers: &[Header], options: &ReadOptions) -> 
         None => {
             let all: Vec<_> =
                 headers.iter().flat_map(|h| &h.channels.list).take(12).map(|c| c.name.to_string()).collect();
-            let problem = format!("has no channels R, G, B or Y, but {}", all.join(", "));
+            let problem = format!("has the channels {}, but not R, G, B or Y", all.join(", "));
             Err(Error::unsupported(path, problem, "write the channels R, G and B"))
         }
     }

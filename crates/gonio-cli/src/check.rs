@@ -96,7 +96,8 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
 fn describe_reference(reference: &MeasuredReference) -> String {
     let notes = reference.notes(None);
     let [r, g, b] = reference.light.chroma().rgb().to_array();
-    let mut line = format!("{}: light of colour {r:.3},{g:.3},{b:.3}", notes["kind"].as_str().unwrap_or_default());
+    let mut line =
+        format!("{}: linear RGB colour of the light {r:.3},{g:.3},{b:.3}", notes["kind"].as_str().unwrap_or_default());
     if let Some(corners) = notes["corners"].as_array() {
         let at = |corner: &Value, i: usize| corner[i].as_f64().unwrap_or_default();
         let corners: Vec<String> = corners.iter().map(|c| format!("{:.1},{:.1}", at(c, 0), at(c, 1))).collect();

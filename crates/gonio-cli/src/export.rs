@@ -110,7 +110,7 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     let written = export.write(&folder, &targets, &options.input.display().to_string(), &|x| stage.at(x))?;
     stage.finish();
     let Some(summary) = written else {
-        bail!("{}: the BRDF is zero at normal incidence; it cannot be exported", file.display())
+        bail!("{}: cannot be exported, because the BRDF is zero at normal incidence; use another BRDF", file.display())
     };
     let warnings: Vec<String> = Spaces { input: None, output: options.space.space() }
         .warning(&colours)
@@ -121,7 +121,7 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     let line = |(target, entry): (&String, &Value)| {
         let files: Vec<&str> = entry["files"].as_array().into_iter().flatten().filter_map(Value::as_str).collect();
         let percent = 100.0 * entry["relight"].as_f64().unwrap_or(0.0);
-        format!("{target:15} {:40} error {percent:.1} %\n", files.join(", "))
+        format!("{target:15} {:40} relight error {percent:.1} %\n", files.join(", "))
     };
     let lines: String = summary["exports"].as_object().into_iter().flatten().map(line).collect();
     let output = output.display().to_string();

@@ -219,7 +219,7 @@ impl Options {
             }
             (MethodName::KnownLightBasis, Some(map)) => Method::KnownLightBasis(search, map),
             (MethodName::KnownLight | MethodName::KnownLightBasis, None) => {
-                bail!("this --method needs a known light; specify it with --light MAP")
+                bail!("this --method requires a known light; specify it with --light MAP")
             }
             (_, Some(_)) => {
                 bail!(
@@ -358,7 +358,9 @@ fn albedo_by_reference(reference: &Value) -> String {
     let (albedo, interval) = (scale["normal_albedo"].as_f64(), &scale["normal_albedo_interval_90"]);
     match (albedo, interval[0].as_f64(), interval[1].as_f64()) {
         (Some(albedo), Some(low), Some(high)) => {
-            format!("\nalbedo at normal incidence {albedo:.3} ({low:.3} to {high:.3}), from the reference in the image")
+            format!(
+                "\nalbedo at normal incidence {albedo:.3} (90 % interval {low:.3} to {high:.3}), from the reference in the image"
+            )
         }
         _ => String::new(),
     }

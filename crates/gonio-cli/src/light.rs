@@ -151,7 +151,7 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     };
     let text = format!(
         "{}: light map of {}x{} pixels from a ball with a radius of {:.0} pixels and reflectance {}; {:.1} % of all \
-         directions are not visible in the ball and were filled{second}; see {}",
+         directions are not visible in the ball, and gonio interpolated them{second}; see {}",
         output.display(),
         probe.light.width(),
         probe.light.height(),

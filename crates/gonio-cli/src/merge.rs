@@ -59,7 +59,7 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     let report = &merged.report;
     let text = format!(
         "{}: {} exposures, {}x{} pixels; {} clipped, {} black, {} inconsistent, {} with a quantisation error \
-         above 2 %; response {}, median deviation {:.1} %",
+         above 2 %; response curve {}, median difference of the exposures {:.1} %",
         options.output.display(),
         options.images.len(),
         picture.rgb.width(),

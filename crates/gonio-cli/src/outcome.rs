@@ -46,7 +46,7 @@ impl Outcome {
 pub(crate) fn sharpness(material: &Material) -> String {
     let ([low, median, high], [sharp, middle, dull]) = (material.gloss, material.highlight.alpha);
     format!(
-        "gloss {median:.1} ({low:.1} to {high:.1}), GGX alpha {middle:.3} ({sharp:.3} to {dull:.3}): {}",
+        "gloss {median:.1} (90 % interval {low:.1} to {high:.1}), GGX alpha {middle:.3} ({sharp:.3} to {dull:.3}): {}",
         material.verdict()
     )
 }

@@ -43,14 +43,17 @@ impl Column {
             "name" => return Ok(Self::Name),
             "image" => return Ok(Self::Image),
             "output" => {
-                bail!("{}: column output is not supported; set the folders with -o DIR and column name", path.display())
+                bail!(
+                    "{}: column \"output\" is not supported; set the folders with -o DIR and column \"name\"",
+                    path.display()
+                )
             }
             _ => (),
         }
         let found = infer.get_arguments().find(|arg| arg.get_long() == Some(&key) && !arg.is_global_set());
         let Some(arg) = found.filter(|_| !matches!(key.as_str(), "help" | "json")) else {
             bail!(
-                "{}: column {} is not an option of gonio infer; use image, name or a long option name",
+                "{}: column \"{}\" is not an option of gonio infer; use \"image\", \"name\" or a long option",
                 path.display(),
                 header.trim()
             );
@@ -72,14 +75,14 @@ pub(super) fn read(path: &Path, output: &Path) -> Result<Vec<Row>> {
     let infer = program.find_subcommand("infer").context("the command infer does not exist")?;
     let columns: Vec<Column> = table.columns.iter().map(|h| Column::of(h, path, infer)).collect::<Result<_>>()?;
     if !columns.iter().any(|c| matches!(c, Column::Image)) {
-        bail!("{shown}: the table has no column image; add one with the photographs");
+        bail!("{shown}: the table has no column \"image\"; add one with the file names of the photographs");
     }
     let base = path.parent().unwrap_or(Path::new(""));
     let (mut rows, mut names) = (Vec::new(), BTreeSet::new());
     for (n, cells) in table.rows.iter().enumerate() {
         let row = row(&columns, cells, base, output).with_context(|| format!("{shown}: row {}", n + 1))?;
         if !names.insert(row.name.clone()) {
-            bail!("{shown}: row {}: duplicate name {}; add a column name with unique names", n + 1, row.name);
+            bail!("{shown}: row {}: duplicate name {}; add a column \"name\" with unique names", n + 1, row.name);
         }
         rows.push(row);
     }
@@ -93,12 +96,12 @@ pub(super) fn of_images(images: &[PathBuf], output: &Path) -> Result<Vec<Row>> {
     for image in images {
         let shown = image.display();
         if !is_picture(image) {
-            bail!("{shown}: the extension is not that of an image; specify photographs or one table");
+            bail!("{shown}: the extension is not that of an image; specify either photographs or one table");
         }
         let row =
             row(&[Column::Image], &[shown.to_string()], Path::new(""), output).with_context(|| format!("{shown}"))?;
         if !names.insert(row.name.clone()) {
-            bail!("{shown}: another photograph is also named {}; use a table with a column name", row.name);
+            bail!("{shown}: another photograph is also named {}; use a table with a column \"name\"", row.name);
         }
         rows.push(row);
     }
@@ -123,7 +126,7 @@ fn row(columns: &[Column], cells: &[String], base: &Path, output: &Path) -> Resu
             },
         }
     }
-    let Some(first) = images.first() else { bail!("the cell of column image is empty; specify a photograph") };
+    let Some(first) = images.first() else { bail!("the cell of column \"image\" is empty; specify a photograph") };
     let of_image = || Path::new(first).file_stem().map(|s| s.to_string_lossy().into_owned());
     let name = name.or_else(of_image).unwrap_or_default();
     let taken = [NOTES, TABLE, PAGE];

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Result, anyhow, bail};
 use gonio_app::compare::{self, Given, PAGE};
 use gonio_io::atomic::write_file;
 use gonio_io::notes;
@@ -64,8 +64,10 @@ pub(super) fn merge(output: &Path, rows: Option<&[Row]>, page: bool) -> Result<O
 /// Writes the page of all rows, unless gonio did not write the existing file.
 fn write_page(page: &Path, all: &[Given]) -> Result<Vec<String>> {
     if page.exists() && !compare::is_page(page) {
-        let warning =
-            format!("{}: exists and was not written by gonio; rename it to get the page of all rows", page.display());
+        let warning = format!(
+            "{}: exists and was not written by gonio; rename it so that gonio can write the page",
+            page.display()
+        );
         return Ok(vec![warning]);
     }
     write_file(page, compare::read(all, page).render().as_bytes())?;
@@ -92,10 +94,13 @@ fn given(output: &Path, name: String, note: Option<Note>) -> Given {
 /// Lists the names of all rows with a recorded outcome.
 fn noted(output: &Path) -> Result<Vec<String>> {
     let notes = output.join(NOTES);
-    let failed = || format!("{}: cannot list this folder; specify the output folder of gonio batch", notes.display());
+    let failed = |error: std::io::Error| {
+        let shown = notes.display();
+        anyhow!("{shown}: cannot list this folder: {error}; specify the output folder of gonio batch")
+    };
     let mut names = Vec::new();
-    for entry in std::fs::read_dir(&notes).with_context(failed)? {
-        let path = entry.with_context(failed)?.path();
+    for entry in std::fs::read_dir(&notes).map_err(failed)? {
+        let path = entry.map_err(failed)?.path();
         if path.extension().is_some_and(|e| e == "json")
             && let Some(stem) = path.file_stem()
         {

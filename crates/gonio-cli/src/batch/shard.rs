@@ -33,7 +33,13 @@ pub(super) fn of_slurm() -> Result<Option<Shard>> {
 fn of_variables(variable: impl Fn(&str) -> Option<String>) -> Result<Option<Shard>> {
     let number = |name: &str| {
         variable(name)
-            .map(|value| value.trim().parse::<usize>().with_context(|| format!("{name}={value}: not a number")))
+            .map(|value| {
+                value
+                    .trim()
+                    .parse::<usize>()
+                    .ok()
+                    .with_context(|| format!("{name}={value}: is not a number; specify --shard I/N"))
+            })
             .transpose()
     };
     let Some(id) = number("SLURM_ARRAY_TASK_ID")? else { return Ok(None) };

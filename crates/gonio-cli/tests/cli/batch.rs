@@ -86,16 +86,16 @@ fn the_slurm_example_runs() {
 fn rejects_invalid_tables() {
     let bench = bench();
     for (table, message) in [
-        ("name\none\n", "the table has no column image"),
+        ("name\none\n", "the table has no column \"image\""),
         ("image\n", "has no rows"),
-        ("image,colour\nball.exr,red\n", "column colour is not an option of gonio infer"),
-        ("image,output\nball.exr,x\n", "column output is not supported"),
+        ("image,colour\nball.exr,red\n", "column \"colour\" is not an option of gonio infer"),
+        ("image,output\nball.exr,x\n", "column \"output\" is not supported"),
         ("image\nball.exr\nball.exr\n", "row 2: duplicate name ball"),
         ("image,name\nball.exr,../up\n", "row 1: \"../up\" is not a valid folder name"),
         ("image,name\nball.exr,rows\n", "row 1: \"rows\" is not a valid folder name"),
         ("image,no-shadows\nball.exr,perhaps\n", "--no-shadows: invalid value perhaps; use yes or no"),
         ("image,mask\nball.exr\n", "row 1 cannot be read"),
-        ("image,mask\n,ball.exr\n", "row 1: the cell of column image is empty"),
+        ("image,mask\n,ball.exr\n", "row 1: the cell of column \"image\" is empty"),
     ] {
         bench.write("photos/bad.csv", table.as_bytes());
         bench.refuses("batch photos/bad.csv -o x", &["photos/bad.csv", message]);

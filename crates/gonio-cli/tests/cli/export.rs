@@ -87,7 +87,7 @@ fn rejects_invalid_input() {
         ("export in.binary", "specify one with -o DIR"),
         ("export none.binary -o x", "none.binary"),
         ("export empty -o x", "empty: does not contain brdf.binary"),
-        ("export black.binary -o x", "black.binary: the BRDF is zero at normal incidence"),
+        ("export black.binary -o x", "black.binary: cannot be exported, because the BRDF is zero"),
         ("export in.binary -o x --to pdf", "--to"),
         ("export in.binary -o x --albedo 2", "--albedo"),
         ("export short.bsdf -o x", "short.bsdf: is truncated"),

@@ -119,7 +119,7 @@ fn patches_and_charts_determine_colour_and_scale() {
         finds_light_and_albedo(&bench, folder);
     }
     let checked = bench.run(&format!("check chart.exr {CIRCLE} --color-checker")).succeeds();
-    assert!(checked.stdout.contains("colour chart: light of colour 1."), "{checked:?}");
+    assert!(checked.stdout.contains("colour chart: linear RGB colour of the light 1."), "{checked:?}");
     // Without a scale, the albedo is the default.
     bench
         .run(&format!("infer white.exr -o colour {CIRCLE} --grid 8 --white 68,25,12 --reference-color-only"))

@@ -97,8 +97,8 @@ impl Cache {
     pub fn store(&self, key: &str, content: &[u8]) -> Result<(), Error> {
         let path = self.entry(key);
         if (content.len() + HEADER) as u64 > self.budget {
-            let problem = format!("requires {} bytes, more than the budget of the cache", content.len());
-            return Err(Error::limits(&path, problem, "increase the budget of the cache"));
+            let problem = format!("requires {} bytes, more than the size limit of the cache", content.len());
+            return Err(Error::limits(&path, problem, "increase the limit"));
         }
         fs::create_dir_all(&self.dir).map_err(|e| Error::io(&self.dir, "create the cache folder", e))?;
         let write = || {

@@ -54,7 +54,7 @@ pub(crate) fn read_stream(name: &Path, stream: impl Read, max: u64) -> Result<Ve
 pub(crate) fn catching<T>(path: &Path, format: &str, decode: impl FnOnce() -> Result<T, Error>) -> Result<T, Error> {
     // Unwinding drops everything that the decoder held, so no inconsistent state remains.
     catch_unwind(AssertUnwindSafe(decode))
-        .unwrap_or_else(|_| Err(Error::damaged(path, format!("is inconsistent as {format}"))))
+        .unwrap_or_else(|_| Err(Error::damaged(path, format!("is an inconsistent {format} file"))))
 }
 
 #[cfg(test)]

@@ -49,7 +49,7 @@ pub fn decode(path: &Path, bytes: &[u8]) -> Result<Array, Error> {
         "<f8" => (8, true),
         ">f8" => (8, false),
         _ => {
-            let problem = format!("holds values of the type {kind}");
+            let problem = format!("contains values of the type {kind}");
             return Err(Error::unsupported(path, problem, "save it with .astype(numpy.float32)"));
         }
     };

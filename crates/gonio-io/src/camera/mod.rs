@@ -69,7 +69,7 @@ pub fn decode_camera(path: &Path, bytes: &[u8], size: (usize, usize)) -> Result<
     if let Some([width, height]) = file.size
         && (width, height) != size
     {
-        let problem = format!("is for images of {width}x{height} pixels, but this one has {}x{}", size.0, size.1);
+        let problem = format!("is for images of {width}x{height} pixels, but the photograph has {}x{}", size.0, size.1);
         return Err(Error::invalid(path, problem, "use the camera of this image, at the same scale"));
     }
     let projection = match file.projection {
@@ -272,7 +272,7 @@ mod tests {
             ),
             (
                 perspective(r#""focal_pixels": 5, "size": [60, 40]"#),
-                "for images of 60x40 pixels, but this one has 600x400",
+                "for images of 60x40 pixels, but the photograph has 600x400",
             ),
             (perspective(r#""focal_pixels": 5, "principal_point": [1e300, 0]"#), "is invalid; use finite"),
             (perspective(r#""focal_pixels": 5, "size": [-1, 40]"#), "invalid value"),

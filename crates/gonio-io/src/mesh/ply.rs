@@ -140,7 +140,7 @@ fn explain(path: &Path, error: &ParseError) -> Error {
     let text = error.to_string();
     let first = text.lines().next().unwrap_or_default();
     match error.kind() {
-        ErrorKind::UnexpectedEof => Error::damaged(path, format!("is truncated as PLY ({first})")),
+        ErrorKind::UnexpectedEof => Error::damaged(path, format!("is a truncated PLY file ({first})")),
         _ => Error::damaged(path, format!("cannot be read as PLY ({first})")),
     }
 }

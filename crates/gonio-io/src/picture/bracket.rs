@@ -124,7 +124,8 @@ fn space_of(stated: Stated, is_grey: bool, given: Option<ColourSpace>) -> (Conve
     match stated.space {
         _ if is_grey => (Conversion::None, InputSpace::unconverted("grey", SpaceSource::Grey)),
         Some((Conversion::Table(_), ..)) => {
-            let unusable = Some("the table of the ICC profile (merged exposures have no codes)".to_owned());
+            let unusable =
+                Some("the table of the ICC profile (the table applies to codes, not to merged radiance)".to_owned());
             Stated { space: None, unusable }.settle(given)
         }
         _ => stated.settle(given),
@@ -132,8 +133,8 @@ fn space_of(stated: Stated, is_grey: bool, given: Option<ColourSpace>) -> (Conve
 }
 
 fn not_coded(path: &Path) -> Error {
-    let advice = "use 8- or 16-bit images as exposures of one scene";
-    Error::unsupported(path, "contains radiance instead of camera codes", advice).with_remedy(Remedy::Separately)
+    let advice = "use integer images as exposures of one scene";
+    Error::unsupported(path, "contains radiance instead of 8- or 16-bit codes", advice).with_remedy(Remedy::Separately)
 }
 
 fn codes_of(

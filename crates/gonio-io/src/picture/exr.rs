@@ -216,8 +216,8 @@ fn explain(path: &Path, error: exr::error::Error) -> Error {
         E::NotSupported(what) => {
             Error::unsupported(path, format!("requires {what}, which is not supported"), "write a flat EXR")
         }
-        E::Invalid(what) => Error::damaged(path, format!("is truncated or damaged as OpenEXR ({what})")),
-        E::Io(e) => Error::damaged(path, format!("is truncated or damaged as OpenEXR ({e})")),
+        E::Invalid(what) => Error::damaged(path, format!("is a truncated or damaged OpenEXR file ({what})")),
+        E::Io(e) => Error::damaged(path, format!("is a truncated or damaged OpenEXR file ({e})")),
         E::Aborted => Error::damaged(path, "was not read completely"),
     }
 }

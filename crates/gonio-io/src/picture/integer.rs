@@ -114,7 +114,8 @@ fn unpack(path: &Path, image: &DynamicImage, embedded: Embedded, options: &ReadO
         1 | 2 => (Conversion::None, InputSpace::unconverted("grey", SpaceSource::Grey)),
         // The table converts codes, not linear values.
         _ if is_table && options.linear => {
-            let unusable = Some("the table of the ICC profile (the values are specified as linear)".to_owned());
+            let unusable =
+                Some("the table of the ICC profile (the table applies to codes, not to linear values)".to_owned());
             Stated { space: None, unusable }.settle(options.colour_space)
         }
         _ => stated.settle(options.colour_space),

@@ -12,13 +12,18 @@
 //! `f(i, o) cos_o = rgb_i(w_i(m)) D(m) / (4 sigma(i))`,
 //!
 //! everything bilinear between its samples and linear between incident directions. Fields of the
-//! file (`phi` before `theta`, the last axis varies fastest): `phi_i`, `theta_i` (the incident
-//! directions, radians), `sigma` and `ndf` (the projected area of the microfacets by direction,
-//! their density `D` by normal), `vndf` (for each incident direction the density by normal, its
-//! azimuth relative to that of the incident direction), `rgb` (for each incident direction and
-//! channel, over the square that the warp maps to), `jacobian` (whether the values must be
-//! multiplied by `D / (4 sigma)`) and `description`. Others (`luminance`, for drawing samples;
-//! `valid`, which marks measured samples) are not used.
+//! file, with `phi` before `theta` and the last axis varying fastest:
+//!
+//! * `phi_i`, `theta_i`: the incident directions in radians;
+//! * `sigma`: the projected area of the microfacets by direction;
+//! * `ndf`: the density `D` of the microfacets by normal;
+//! * `vndf`: for each incident direction, the density by normal, whose azimuth is relative to that
+//!   of the incident direction;
+//! * `rgb`: for each incident direction and channel, values over the square that the warp maps to;
+//! * `jacobian`: whether the values must be multiplied by `D / (4 sigma)`;
+//! * `description`.
+//!
+//! This module ignores `luminance`, for drawing samples, and `valid`, which marks measured samples.
 //!
 //! [`encode`] writes such a file from tables over half and difference angle.
 
@@ -104,8 +109,7 @@ fn fits(path: &Path, name: &str, has: [usize; 3], needs: [usize; 3]) -> Result<(
         return Ok(());
     }
     let [phis, thetas, _] = needs;
-    let problem =
-        format!("has the first axes {has:?} of {name}, which do not match its {phis} x {thetas} incident directions");
+    let problem = format!("has a field {name} with the first axes {has:?}, but {phis} x {thetas} incident directions");
     Err(Error::damaged(path, problem))
 }
 
@@ -164,7 +168,7 @@ impl Rgl {
 
     /// Resamples the material to a table of the MERL database, missing (-1) below the horizon.
     ///
-    /// The table is reciprocal, but the measurement only approximately: a cell holds the mean of
+    /// The table is reciprocal, but the measurement only approximately. A cell holds the mean of
     /// [`Self::eval`] at its directions and with light and viewer exchanged, each weighted by the
     /// cosine of its outgoing direction. The measured quantity is the product with that cosine, so
     /// errors grow as it falls.

@@ -70,7 +70,7 @@ pub enum ProductError {
         usize,
     ),
     /// A photograph does not show the same material as the others.
-    #[error("does not show the same material as the others (log odds {ratio:.0})")]
+    #[error("does not show the same material as the others (log odds {ratio:.0}); remove the photograph")]
     Contradiction {
         /// Index of the photograph.
         at: usize,

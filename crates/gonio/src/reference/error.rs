@@ -71,7 +71,7 @@ pub enum ReferenceError {
     /// The patch has more colour than a neutral patch under captured light.
     #[error(
         "the reference is not neutral: its colour, ln(R/G) = {:.2} and ln(B/G) = {:.2}, is {distance:.1} away from \
-         white (limit {most}); check that the patch is grey",
+         white in natural logarithms (limit {most}); check that the patch is grey",
         .log_chroma[0], .log_chroma[1]
     )]
     NotNeutral {

@@ -68,7 +68,7 @@ pub enum PlanError {
     #[error("the reflectance basis is empty")]
     EmptyBasis,
     /// Fewer points have a value than the plan has directions; use all rows instead.
-    #[error("only {kept} points have a value, fewer than the {rank} directions of the plan; use all rows instead")]
+    #[error("only {kept} points have a value, fewer than the {rank} rows of the plan; use all observations instead")]
     TooFewForPlan {
         /// Number of points with a value.
         kept: usize,
@@ -78,7 +78,7 @@ pub enum PlanError {
     /// Visibility and light have different grids.
     #[error(
         "the visibility has a grid of {visibility} texels per side (or another map), but the light has {side}; \
-         compute it again"
+         compute the visibility again"
     )]
     Visibility {
         /// Side of the grid of the visibility.
@@ -249,9 +249,9 @@ impl Plan {
     /// Integrates the basis over the light grid for every point and keeps the leading directions.
     ///
     /// Directions are weighted by the prior root mean square of each light coefficient, and
-    /// inversely by the brightness of each basis function, so that all functions count equally:
-    /// sharp ones are dim under average light, and their images would otherwise be lost. `progress`
-    /// receives a fraction in 0..=1.
+    /// inversely by the brightness of each basis function, so that all functions count equally.
+    /// Sharp functions are dim under average light, and their images would otherwise be lost.
+    /// `progress` receives a fraction in 0..=1.
     ///
     /// # Errors
     /// If there are fewer than 50 points, the basis is empty, or the prior does not cover the grid.

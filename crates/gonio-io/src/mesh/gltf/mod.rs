@@ -77,7 +77,7 @@ pub(super) fn decode(path: &Path, bytes: &[u8], fetch: Fetch<'_>) -> Result<(Mes
 /// Splits a `.glb` file into the JSON and the binary chunk.
 fn split<'a>(path: &Path, bytes: &'a [u8]) -> Result<(&'a [u8], Option<&'a [u8]>), Error> {
     let number = |at: usize| Some(u32::from_le_bytes(bytes.get(at..at + 4)?.try_into().ok()?) as usize);
-    let cut = || Error::damaged(path, "is truncated or damaged as GLB");
+    let cut = || Error::damaged(path, "is a truncated or damaged GLB file");
     let version = number(4).ok_or_else(cut)?;
     if version != 2 {
         let problem = format!("has glTF version {version}");
@@ -137,7 +137,7 @@ fn parse(path: &Path, json: &[u8]) -> Result<Document, Error> {
         }
         (gltf::Error::Validation(faults), None) => {
             let text = faults.first().map(|(place, fault)| format!("{place}: {fault}")).unwrap_or_default();
-            Error::damaged(path, format!("is inconsistent as glTF ({text})"))
+            Error::damaged(path, format!("is an inconsistent glTF file ({text})"))
         }
         (e, _) => Error::damaged(path, format!("cannot be read as glTF ({e})")),
     })

@@ -190,7 +190,7 @@ fn unreadable_files_are_rejected_with_the_reason() {
         (vec![("/bufferViews/2/byteOffset", json!(54))], Kind::Damaged, "refers to vertex 128"),
         (vec![("/buffers/0/byteLength", json!(9999))], Kind::Damaged, "declares 9999"),
         (vec![("/buffers/0/byteLength", json!(u64::MAX))], Kind::Limits, "bytes"),
-        (vec![("/meshes/0/primitives/0/attributes/POSITION", json!(9))], Kind::Damaged, "is inconsistent"),
+        (vec![("/meshes/0/primitives/0/attributes/POSITION", json!(9))], Kind::Damaged, "is an inconsistent glTF"),
         (vec![("/nodes", json!([{"children": [0], "mesh": 0}]))], Kind::Damaged, "two parents"),
         (vec![("/nodes", json!([{"children": [1], "mesh": 0}, {"children": [0]}]))], Kind::Damaged, "two parents"),
         (vec![("/nodes/0/scale", json!([1, 0, 1]))], Kind::Invalid, "zero scale"),

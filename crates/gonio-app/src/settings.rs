@@ -108,10 +108,10 @@ impl Method {
 /// Rule for the colours of a BRDF.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Colours {
-    /// One colour for the body and one for the highlight, under a light with a typical colour.
+    /// Estimated chroma for every pair of angles; a light of unknown colour counts as neutral.
     #[default]
     Estimate,
-    /// Like [`Self::Estimate`], but under a light of known colour: that of a white matte ball.
+    /// Estimated chroma under a light of known colour: that of a white matte ball.
     Under(Chroma),
     /// The median colour of the photograph, as in the paper.
     Median,
@@ -120,7 +120,7 @@ pub enum Colours {
 }
 
 /// Assumption on the colour of an unknown light.
-pub const AS_CAPTURED: &str = "the light has a typical colour of captured lights, close to white";
+pub const AS_CAPTURED: &str = "the light is neutral; the intervals include the colours of captured lights";
 
 impl Colours {
     /// Creates the rule for a light of this linear colour; `None` unless all numbers are positive

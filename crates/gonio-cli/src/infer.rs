@@ -92,7 +92,7 @@ pub(crate) struct Options {
     /// the position of the object. Only the ratios of the channels matter.
     #[arg(long, value_name = "R,G,B", value_parser = parse_light, conflicts_with = "light", help_heading = COLOUR)]
     light_color: Option<Colours>,
-    /// Colour of the BRDF, whose dependence on angle is estimated from luminance
+    /// Colour of the BRDF
     #[arg(long, value_enum, default_value_t = ColourName::Estimate, help_heading = COLOUR)]
     color: ColourName,
     /// Folder for the results [default: IMAGE-gonio beside the photograph]
@@ -134,7 +134,7 @@ To check the detection of the object first, use gonio check. For many photograph
 /// Ways to colour the BRDF.
 #[derive(Clone, Copy, Debug, PartialEq, clap::ValueEnum)]
 enum ColourName {
-    /// One colour of the body and one of the highlight, corrected for the estimated light colour
+    /// Estimated chroma for every pair of angles; a light of unknown colour counts as neutral
     Estimate,
     /// The median colour of the photograph, which includes the light's colour; as in the paper
     Median,

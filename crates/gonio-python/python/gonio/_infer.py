@@ -274,7 +274,9 @@ def infer(
     full_rows : bool, default False
         Run ``"variational"`` or ``"map"`` on all observations instead of their projection.
     color : {"estimate", "median", "none"}, default "estimate"
-        Colour of the BRDF, whose shape is estimated from luminance.
+        Colour of the BRDF. ``"estimate"``: estimated chroma for every pair of angles; a light of
+        unknown colour counts as neutral. ``"median"``: the median colour of the photograph, as in
+        the paper. ``"none"``: three equal channels.
     light_color : sequence of 3 floats, optional
         Known colour of the light: linear colour of a white matte ball at the object's position.
     white : (float, float, float), optional

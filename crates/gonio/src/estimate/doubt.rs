@@ -117,8 +117,8 @@ impl fmt::Display for Doubt {
             ),
             Self::Colours(apart) => write!(
                 f,
-                "photograph and BRDF differ by {:.0} % from green to magenta, more than most lights vary; gonio widened the \
-                 colour intervals; possible causes are more than two colours and partly green light",
+                "photograph and BRDF differ by {:.0} % from green to magenta, so gonio widened the colour intervals; either \
+                 the colours are wrong or part of the light is green, as over grass",
                 100.0 * (apart.exp() - 1.0)
             ),
             Self::Open(share) => write!(

@@ -182,7 +182,7 @@ fn rejects_invalid_lights_and_options() {
         ("--circle 24,24,nan", "--circle"),
         ("--circle 24,24,inf", "ball.exr: the circle"),
         ("--circle 24,24,3", "ball.exr: the circle"),
-        ("--circle 240,24,20", "ball.exr: only 0 points are usable"),
+        ("--circle 240,24,20", "ball.exr: only 0 points on the object are usable"),
         ("--shape cube", "--shape"),
         ("--sed 3", "'--seed'"),
     ] {

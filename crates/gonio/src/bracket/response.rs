@@ -50,7 +50,7 @@ impl Response {
         for (i, curve) in channels.iter().enumerate() {
             let wrong = |problem| Err(BracketError::Curve { channel: i + 1, problem });
             if !(2..=1 << 16).contains(&curve.len()) || curve.len() != length {
-                return wrong("does not have the same number of codes as the others, from 2 to 65536");
+                return wrong("has another number of codes than the others, or fewer than 2 or more than 65536");
             }
             // Later arithmetic overflows beyond e^80.
             if curve.iter().any(|g| g.is_nan() || g.abs() > 80.0) {

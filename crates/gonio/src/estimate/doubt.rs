@@ -76,14 +76,14 @@ impl fmt::Display for Doubt {
                 let angle = x.hypot(*y).hypot(*z);
                 write!(
                     f,
-                    "the light map was rotated by {angle:.1} degrees to fit the photograph (rotation vector {x:.1}, \
+                    "gonio rotated the light map by {angle:.1} degrees to fit the photograph (rotation vector {x:.1}, \
                      {y:.1}, {z:.1} degrees)"
                 )
             }
             Self::Clipped { gain, sd } => write!(
                 f,
                 "the brightest pixels of the light map are clipped; according to the photograph, their true \
-                 radiance is {gain:.1} times their value (90 % interval {:.1} to {:.1})",
+                 radiance is {gain:.1} times the clipped value (90 % interval {:.1} to {:.1})",
                 gain * (-1.645 * sd).exp(),
                 gain * (1.645 * sd).exp(),
             ),

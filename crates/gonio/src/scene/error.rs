@@ -159,7 +159,7 @@ pub enum SceneError {
     },
     /// Too few points have a value.
     #[error(
-        "only {used} points are usable, {least} are required: {clipped} are clipped and {outside} are uncovered or \
+        "only {used} points on the object are usable, {least} are required: {clipped} are clipped and {outside} are uncovered or \
          outside the image; use a shorter exposure, or check the mask and the circle"
     )]
     TooFewPoints {

@@ -110,9 +110,9 @@ pub struct LightingSettings {
     pub grid: usize,
     /// Mapping of the sphere to the square.
     pub map: OctahedralMap,
-    /// Number of azimuths at which each map is used. With an even number, the horizontal and
-    /// vertical groups have equal statistics, because a rotation by 180 degrees swaps front and
-    /// back.
+    /// Number of rotations about the vertical axis in which each map is used. With an even number,
+    /// horizontal and vertical wavelets of a scale have equal statistics, because a rotation by 180
+    /// degrees swaps front and back.
     pub turns: usize,
     /// Radiance at which each map is clipped, in units of its mean; `None` does not clip.
     pub cap: Option<f64>,

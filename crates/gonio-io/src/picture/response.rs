@@ -104,7 +104,7 @@ mod tests {
     #[test]
     fn errors_of_invalid_responses_name_the_line() {
         for (text, message) in [
-            ("", "does not have the same number of codes as the others"),
+            ("", "has another number of codes than the others"),
             ("0,1\n1,0", "falls"),
             ("0,1\n1,1", "is flat"),
             ("0,nan\n1,1", "not log exposures"),

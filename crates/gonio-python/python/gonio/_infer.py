@@ -174,8 +174,8 @@ def infer(
     """Estimate the BRDF of an object from one photograph under unknown light.
 
     The function releases the GIL and stops on Ctrl-C. Array arguments can be NumPy arrays, lists,
-    PIL images, ``xarray.DataArray`` (axes named y, x and channel, in any order) and tensors (also
-    with channels first).
+    PIL images, ``xarray.DataArray`` and tensors. The axes of a ``DataArray`` are named y, x and
+    channel, in any order. Tensors can also have their channels first.
 
     Parameters
     ----------

@@ -63,7 +63,7 @@ pub fn draw(views: &[&View], probe: &Probe) -> Plane<Vec3> {
 fn captions(probe: &Probe) -> Vec<String> {
     let report = &probe.report;
     let mut lines =
-        vec![format!("{} rows; hatched: {:.1} % of all directions, interpolated", report.rows, 100.0 * report.unseen)];
+        vec![format!("{} rows; hatched: interpolated, {:.1} % of all directions", report.rows, 100.0 * report.unseen)];
     lines.extend(report.views.map(|views| {
         format!(
             "second camera at {:.1} degrees ({}); views differ by {:.1} %",

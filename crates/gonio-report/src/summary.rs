@@ -26,7 +26,7 @@ pub fn compose(subject: &Subject<'_>, panels: &Panels, caption: &str) -> Plane<V
     let mut rows = vec![vec![
         ("photograph", &panels.photograph),
         ("reproduction", &panels.reproduction),
-        ("difference (scale 50 %)", &panels.residual),
+        ("difference (±50 %)", &panels.residual),
         (&given, &light),
     ]];
     let found = panels.spheres.first().map(|(_, sphere)| ("BRDF in a new light", sphere));
@@ -34,7 +34,7 @@ pub fn compose(subject: &Subject<'_>, panels: &Panels, caption: &str) -> Plane<V
     if let Some(names) = &names {
         let labels = ["dull end (5 %)", "glossy end (95 %)"];
         let mut second: Vec<_> = found.into_iter().chain(labels.into_iter().zip(&panels.ends)).collect();
-        second.push(("most similar gloss (not colour)", names));
+        second.push(("similar highlight (not colour)", names));
         rows.push(second);
     } else {
         rows[0].extend(found);

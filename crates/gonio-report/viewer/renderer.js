@@ -34,11 +34,11 @@ const GonioRenderer = (() => {
 
   // Adds samples to a picture. The light is split: "lamps" are what exceeds a few times its mean, "room" is the rest.
   //
-  // Directions are drawn after the BRDF, by a mixture of two strategies: the half angle after the table's lobe, and the
-  // cosine for what is flat in it. Each sees the room through a mip level as wide as the part of the hemisphere that
-  // the sample stands for (Křivánek and Colbert 2008), so that a few samples give a smooth picture; it sharpens as they
-  // become more. Such a filter would smear a lamp over all that is beside it. Lamps are therefore kept out of the mips
-  // and get a sample of their own, aimed at them; the balance heuristic (Veach and Guibas 1995) joins the strategies.
+  // Directions are drawn by the BRDF, with a mixture of two strategies: half angles by the lobe of the table, and the
+  // cosine for its flat part. Each sample reads the room at a mip level as wide as the part of the hemisphere that the
+  // sample represents (Křivánek and Colbert 2008). A few samples thus give a smooth picture, which more samples sharpen.
+  // Such a filter would blur a lamp over its surroundings. Lamps are therefore excluded from the mips and have separate
+  // samples aimed at them; the balance heuristic (Veach and Guibas 1995) combines the strategies.
   const ACCUMULATE = `${HEADER}
     uniform sampler2D before;     // mean of the samples so far
     uniform sampler2D table;      // BRDF: difference angle across, half angle down
@@ -227,10 +227,11 @@ const GonioRenderer = (() => {
   }
 
   /**
-   * How to draw half vectors for a table: a row for each degree between normal and camera, in it a node for each sample
-   * of the half angle and one at 90 degrees. A node has the cumulative probability up to it, the density over the sphere
-   * of half vectors, the haversine of its angle, and the row's share of directions that are drawn so. The others are
-   * drawn by the cosine, which fits what the table has everywhere: its lowest value at moderate half angles.
+   * Returns data for drawing half vectors for a table. It has a row for each degree between normal and camera, with a
+   * node for each sample of the half angle and one at 90 degrees. A node has the cumulative probability up to it, the
+   * density over the sphere of half vectors, and the haversine of its angle. It also has the share of directions of the
+   * row that are drawn in this way. The cosine draws the others, for the flat part of the table, which is its lowest
+   * value at moderate half angles.
    */
   function samplingOf(table) {
     const value = Float32Array.from({ length: CELLS * CELLS }, (_, i) => luminance(table, 3 * i));
@@ -296,7 +297,7 @@ const GonioRenderer = (() => {
     return [ca, 0, sa, -sa * sb, cb, ca * sb, -sa * cb, -sb, ca * cb];
   }
 
-  /** What happens on the graphics device. Throws if it cannot be done there. */
+  /** Renders on the graphics device. Throws if the device does not support it. */
   return class Renderer {
     constructor(gl, data) {
       Object.assign(this, { gl, data, materials: [], lights: [], exposures: new Map() });

@@ -19,7 +19,7 @@ globalThis.gonioViewer = (() => {
   const DRAFT_SAMPLES = 32; // that a draft gets before the full picture begins
   const PRESENTABLE = 12; // samples of a pixel from which on the full picture looks better than the draft
   const FIT_TO_REPLACE = 32; // samples from which on it looks better than a picture that was there before
-  const REST = 200; // after the last change until it is told, ms
+  const REST = 200; // delay between the last change and its announcement, ms
   const MAX_PITCH = 85;
   const KEY_STEP = 5;
 
@@ -33,7 +33,7 @@ globalThis.gonioViewer = (() => {
 
   return function gonioViewer(container, data, options = {}) {
     const state = { material: 0, light: 0, yaw: 0, pitch: 0, stops: 0, showLight: false, samples: 512, ...options };
-    // What the container has to look at where, and as long as, nothing is drawn.
+    // The picture in the container, shown until the sphere is drawn.
     const still = container.querySelector("img");
     const canvas = element("canvas", { tabIndex: 0, attributes: { role: "application" } });
     const gl = canvas.getContext("webgl2", { antialias: false, depth: false });
@@ -76,7 +76,7 @@ globalThis.gonioViewer = (() => {
       return renderer.target(wanted);
     }
 
-    /** Waits for the device to finish a frame; what it took tells how much the next one may do. */
+    /** Waits for the device to finish a frame, and sets the work of the next one by its time. */
     function launch(work, then = () => {}) {
       const start = performance.now();
       flight = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
@@ -86,7 +86,7 @@ globalThis.gonioViewer = (() => {
         if (gl.getSyncParameter(own, gl.SYNC_STATUS) !== gl.SIGNALED) return void setTimeout(land, POLL, own);
         gl.deleteSync(own);
         flight = null;
-        // A small rest of a picture tells little; one slow frame (a shader compiled, a page laid out) is not the rule.
+        // A small remainder of a picture is not representative, nor is one slow frame (compilation, layout).
         const change = FRAME_TIME / (performance.now() - start);
         if (work > 0.5 * budget) budget = Math.max(work * Math.min(Math.max(change, 0.7), 1.4), LEAST_WORK);
         then();
@@ -202,7 +202,7 @@ globalThis.gonioViewer = (() => {
       event.preventDefault();
       turn(...goal);
     };
-    // Everything on the device goes with its context; the rest is remade as it is asked for.
+    // All data on the device are lost with the context; the viewer creates them again when it draws.
     canvas.addEventListener("webglcontextlost", (event) => {
       event.preventDefault();
       fine = draft = flight = null;

@@ -71,11 +71,11 @@ globalThis.gonioOutline = (() => {
         stage.classList.remove("marking");
         form.hidden = !found;
         if (!found) return draw([]);
-        text.textContent = "To correct the outline, drag it: inside to move it, at the rim to change the radius.";
+        text.textContent = "To correct the outline, drag inside it to move it, or at its rim to change the radius.";
         set([found.x, found.y, found.radius]);
       },
       ask(why, guess) {
-        text.textContent = `${why} Mark the ball: drag on the photograph from its centre to its rim, or give both in pixels.`;
+        text.textContent = `${why} Mark the ball: drag on the photograph from the centre of the ball to its rim, or enter centre and radius in pixels.`;
         form.hidden = false;
         stage.classList.add("marking");
         if (guess) set([guess.x, guess.y, guess.radius]);

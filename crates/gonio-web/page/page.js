@@ -169,12 +169,12 @@
     const kinds = [...new Set([low, middle, high].map(named))];
     const kind = kinds.length === 1 ? kinds[0] : `${kinds[0]} to ${kinds.at(-1)}`;
     const facts = {
-      Gloss: `${kind[0].toUpperCase()}${kind.slice(1)}: at the peak, the BRDF is ${round(middle)} times as high as far from the ` +
+      Gloss: `${kind[0].toUpperCase()}${kind.slice(1)}: the peak of the BRDF is ${round(middle)} times its value far from the ` +
         `highlight (90 % interval ${round(low)} to ${round(high)}).`,
-      Undetermined: `${percent(open)} of the BRDF: the photograph does not determine these angles.`,
-      Colour: coloured ? "Body and highlight have one colour each, without the estimated colour of the light."
+      Undetermined: `The photograph does not determine ${percent(open)} of the BRDF.`,
+      Colour: coloured ? "Each channel of the BRDF is estimated from the same channel of the photograph. The light is assumed to be neutral."
         : "None, because the photograph is grey.",
-      Scale: "A photograph under unknown light does not determine the albedo; it is set to 0.5.",
+      Scale: "A photograph under unknown light does not determine the albedo; it is set to 0.5 at normal incidence.",
     };
     const list = make("dl", { className: "facts" });
     for (const [name, text] of Object.entries(facts)) {
@@ -185,7 +185,7 @@
       const bar = make("i", { style: `width: ${(5 * weight) / most}rem` });
       return make("tr", {}, make("th", { scope: "row", textContent: name.replaceAll("-", " ") }), make("td", {}, bar, percent(weight)));
     }));
-    if (neighbours.length > 0) list.append(make("dt", { textContent: "Most similar measured materials, with weights" }), make("dd", {}, near));
+    if (neighbours.length > 0) list.append(make("dt", { textContent: "Measured materials with the most similar highlights, and their weights" }), make("dd", {}, near));
     const warnings = [...run.warnings, ...doubts];
     const items = warnings.map((textContent) => make("li", { textContent }));
     at("words").querySelector("div").replaceChildren(
@@ -197,7 +197,7 @@
     Object.assign(at("light").querySelector("img"), { src: png, alt: `Lat-long map of the estimated light, from a grid of ${side} × ${side} texels` });
     at("light").querySelector("figcaption").textContent =
       `Lat-long map with ${side} × ${side} texels over the sphere; the direction behind the ball is in the centre. ` +
-      `Misfit of the photograph, given material and light: ${percent(misfit)}.`;
+      `Misfit (relative residual of the photograph): ${percent(misfit)}.`;
     run.light = packed;
   }
 

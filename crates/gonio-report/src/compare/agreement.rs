@@ -115,8 +115,8 @@ fn agreement((a, of_a): (&str, Highlight), (b, of_b): (&str, Highlight)) -> (Agr
     let sentence = match worst {
         Agreement::Agree | Agreement::Unknown => format!("{a} and {b} agree within their intervals: {numbers}."),
         Agreement::Overlap => format!(
-            "{a} and {b} are possibly the same material: their intervals overlap, but do not both contain the other \
-             estimate: {numbers}."
+            "{a} and {b} are possibly the same material: their intervals overlap, but at least one does not contain \
+             the other estimate: {numbers}."
         ),
         Agreement::Differ => format!("{a} and {b} differ, because their intervals do not overlap: {numbers}."),
     };
@@ -160,8 +160,8 @@ mod tests {
         assert_eq!(agreement, Agreement::Overlap);
         assert_eq!(
             sentence,
-            "one and two are possibly the same material: their intervals overlap, but do not both contain the \
-             other estimate: gloss 10 (4.0 to 30) and 50 (20 to 90)."
+            "one and two are possibly the same material: their intervals overlap, but at least one does not contain \
+             the other estimate: gloss 10 (4.0 to 30) and 50 (20 to 90)."
         );
     }
 

@@ -19,18 +19,18 @@ pub(super) fn section(comparison: &Comparison) -> Markup {
     html! {
         @if !few { p { (counts(pairs)) } }
         ul { @for pair in shown.take(SENTENCES) { li { (pair.sentence) } } }
-        @if more > 0 { p { "Of " (more) " more pairs that differ, see the table." } }
+        @if more > 0 { p { "The table lists " (more) " more pairs that differ." } }
         p.note {
             "Two results " strong { "agree" } " if each estimate lies in the 90 % interval of the other, in gloss \
                 and in GGX alpha. They "
-            strong { "overlap" } " if only their intervals overlap, and " strong { "differ" } " if these do not \
-                overlap. Agreement does not prove that the material is the same: a very uncertain result agrees \
+            strong { "overlap" } " if only their intervals overlap, and " strong { "differ" } " if their intervals do \
+                not overlap. Agreement does not prove that the material is the same: a very uncertain result agrees \
                 with most others."
         }
         (table(entries, pairs))
         p.note {
-            "Distance: root mean square difference between the logarithms of both BRDFs, for both angles below 80° \
-             and after the best scaling. 0.1 is about 10 %."
+            "Distance: root mean square difference between the natural logarithms of both BRDFs, for both angles \
+             below 80° and after the best scaling. 0.1 is a difference of about 10 %."
         }
     }
 }
@@ -120,6 +120,6 @@ mod tests {
         assert!(html.contains("<li>sentence [1, 4]</li>"));
         let all = of.iter().map(|of| pair(*of, Agreement::Differ, None)).collect();
         let html = section(&Comparison { entries: entries(6), pairs: all }).into_string();
-        assert!(html.matches("<li>").count() == SENTENCES && html.contains("Of 5 more pairs that differ"), "{html}");
+        assert!(html.matches("<li>").count() == SENTENCES && html.contains("lists 5 more pairs that differ"), "{html}");
     }
 }

@@ -27,8 +27,8 @@ pub(super) fn table(entries: &[Entry]) -> Markup {
         div.scroll role="region" aria-label="The results" tabindex="0" {
             table.results {
                 caption { "All intervals are 90 % intervals. Gloss units (ASTM D523, black glass has 100) are \
-                    proportional to the albedo at normal incidence, which a photograph under unknown light does not \
-                    determine; the table states the albedo if it is not 0.5." }
+                    proportional to the albedo at normal incidence. A photograph under unknown light does not \
+                    determine this albedo; the table states it if it is not 0.5." }
                 thead { tr { th scope="col" { "result" } @for column in COLUMNS { th scope="col" { (column) } } } }
                 tbody { @for (at, entry) in entries.iter().enumerate() { tr { (row(at, entry)) } } }
             }

@@ -1,7 +1,7 @@
 //! A light over half vectors, prefiltered at several resolutions.
 //!
-//! For a distant camera, a lobe about a normal reflects the light at half vectors near the normal,
-//! and the light direction of a half vector does not depend on the normal. The light is therefore
+//! For a distant camera, a lobe about a normal reflects the light at half vectors near the normal.
+//! The light direction of a half vector does not depend on the normal. The light is therefore
 //! stored once over half vectors, on the stereographic disk, which is conformal, at successively
 //! halved resolutions. A lobe of any width is then a weighted sum of a few look-ups. Interpolation
 //! by cubic splines on each level avoids visible texels.

@@ -6,8 +6,9 @@ use glam::Vec3;
 use gonio::picture::{Picture, Plane};
 use gonio::scene::Fate;
 
-/// Replaces each outlier by the mean of the used pixels next to it, so that a pixel of any value
-/// changes neither the exposure of the panels nor the pixels around it.
+/// Replaces each outlier by the mean of the used pixels next to it.
+///
+/// An outlier of any value thus changes neither the exposure of the panels nor adjacent pixels.
 pub(super) fn repaired<'a>(picture: &'a Picture, fates: Option<&Plane<Fate>>) -> Cow<'a, Picture> {
     let Some(fates) = fates.filter(|fates| fates.as_slice().contains(&Fate::Outlier)) else {
         return Cow::Borrowed(picture);

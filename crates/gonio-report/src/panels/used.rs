@@ -68,7 +68,7 @@ pub fn reasons(fates: &Plane<Fate>) -> Vec<(Mark, usize)> {
 /// Adds a legend of the colours to the picture.
 pub fn with_legend(picture: &Plane<Vec3>, fates: &Plane<Fate>) -> Plane<Vec3> {
     let mut lines = legend(fates);
-    lines.push((PAPER, "dark: outside, or at grazing angle".to_owned()));
+    lines.push((PAPER, "dark: outside the object, or at grazing angles".to_owned()));
     canvas::with_legend(picture, 0, &lines)
 }
 

@@ -139,9 +139,9 @@ impl Report<'_> {
                         ] { div.tile { (figure::sized(picture, SHOWN, alt)) span { (label) } } }
                     }
                     p.note {
-                        "Grey means no difference; lighter and redder pixels mean that the photograph is lighter \
-                         and redder than the reproduction. Black, "
-                        "white and saturated colours mean a difference of 50 %."
+                        "Grey means no difference. Where a pixel is lighter or redder, the photograph is lighter or \
+                         redder than the reproduction. Black, white and saturated colours mean a difference of 50 % \
+                         or more."
                     }
                     @match self.subject.material {
                         Some(material) => { (facts(material, self.result)) }
@@ -176,7 +176,9 @@ impl Report<'_> {
                 "Lat-long map: the centre is behind the object, the left and right edges are behind the camera. "
                 @if let Some(grid) = self.subject.light {
                     "This light explains the photograph, given the mean BRDF. Its texels are " (format!("{:.1}", resolution(grid))) "° wide; the picture is blurred by half a texel."
-                    @if let Some(share) = self.uncertain() { " " (percent(share)) " of its variation is uncertain." }
+                    @if let Some(share) = self.uncertain() {
+                        (format!(" Uncertainty makes up {} of the variation of the light over directions (mean square).", percent(share)))
+                    }
                 }
             },
         ));
@@ -216,7 +218,7 @@ impl Report<'_> {
                 @if i > 0 { ", " }
                 span.mark style=(dot(mark.colour)) { (mark.label) } " (" (count) ")"
             }
-            ". Dark: outside, or at grazing angle."
+            ". Dark: outside the object, or at grazing angles."
         };
         let alt = "The photograph with ignored pixels marked";
         Some(figure::card("Used pixels", &figure::sized(picture, SHOWN, alt), &caption))
@@ -241,13 +243,15 @@ impl Report<'_> {
             }))
             (figure::grid(22, &[
                 figure::figure(&svg(&[&width(material)], false, "Map of the width of the 90 % interval over half and difference angle"),
-                    &html! { "Width of the 90 % interval in each cell, as the ratio of its ends. It exceeds a \
-                        factor of " (WIDE) " in "
-                        (percent(material.wider_than(WIDE))) " of the cells below 80°. Hatched: cells that the photograph does not determine ("
-                        (percent(material.open)) " of the cells), and all cells above 80°." }),
+                    &html! {
+                        "Width of the 90 % interval in each cell, as the ratio of its ends. "
+                        (format!("It exceeds a factor of {WIDE} in {} of the cells below 80°. ", percent(material.wider_than(WIDE))))
+                        (format!("The photograph does not determine the hatched cells ({} of the cells below 80°). ", percent(material.open)))
+                        "All cells above 80° are hatched, too."
+                    }),
                 html! { div { @if !rows.is_empty() {
-                (table::table("Measured materials (MERL database) with the most similar highlight (not colour), \
-                    with their share of the posterior", &["material", "share"], &rows))
+                (table::table("Measured materials (MERL database) with the most similar highlights, regardless of \
+                    colour, and their weights in the posterior", &["material", "weight"], &rows))
                 } } },
             ]))
         }
@@ -274,8 +278,8 @@ impl Report<'_> {
         }
         html! {
             dl.facts { @for row in &rows { div { dt { (row[0]) } dd { (row[1]) } } } }
-            p.note { "result.json contains all numbers and brdf.binary the BRDF (MERL format), in the folder of \
-                this page. gonio export converts the BRDF for renderers." }
+            p.note { "In the folder of this page, result.json contains all numbers, and brdf.binary the BRDF in the \
+                MERL format. " code { "gonio export" } " converts the BRDF for renderers." }
         }
     }
 }
@@ -322,13 +326,13 @@ fn warnings(lines: &[String]) -> Markup {
 fn facts(material: &Material, result: &Value) -> Markup {
     let nearest = material.neighbours.first();
     let interval = |[low, median, high]: [f64; 3]| {
-        html! { strong { (short(median)) } ", 90 % between " (short(low)) " and " (short(high)) }
+        html! { strong { (short(median)) } ", 90 % interval " (short(low)) " to " (short(high)) }
     };
     html! {
         dl.facts {
             @if let Some(nearest) = nearest {
-                div { dt { "most similar highlight" } dd { strong { (nearest.name) } " (" (percent(nearest.weight)) " among the measured materials)"
-                    span.note { " (similarity of the lobe, not of the colour)" } } }
+                div { dt { "most similar highlight" } dd { strong { (nearest.name) } " (weight " (percent(nearest.weight)) " among the measured materials)"
+                    span.note { " (similar in the lobe, regardless of colour)" } } }
             }
             div {
                 dt { "gloss" }
@@ -345,8 +349,12 @@ fn facts(material: &Material, result: &Value) -> Markup {
             (units(&result["posterior"]["gloss"]["units"], result["reflectance"]["absolute"].as_bool() == Some(true)))
             div {
                 dt { "uncertainty" }
-                dd { strong { (percent(material.wider_than(WIDE))) } " of the BRDF's cells have a 90 % interval wider than a factor of "
-                    (WIDE) "; in " strong { (percent(material.open)) } " the photograph does not determine the BRDF" }
+                dd {
+                    "cells with a 90 % interval wider than a factor of " (WIDE) ": "
+                    strong { (percent(material.wider_than(WIDE))) }
+                    "; cells that the photograph does not determine: "
+                    strong { (percent(material.open)) }
+                }
             }
             (colours(result))
         }
@@ -404,8 +412,8 @@ fn units(units: &Value, absolute: bool) -> Markup {
                     span.note {
                         " (ASTM D523, black glass has 100; "
                         @if absolute { "for the estimated albedo of " (short(albedo)) ")" }
-                        @else { "for an albedo of " (albedo) " at normal incidence, which the photograph does not \
-                            determine; gloss units are proportional to it)" }
+                        @else { "proportional to the albedo at normal incidence, which the photograph does not \
+                            determine; here for an albedo of " (albedo) ")" }
                     }
                 }
             }
@@ -420,7 +428,7 @@ fn counts(report: &ObservationReport) -> Markup {
         ("pixels used", report.used_pixels),
         ("pixels clipped", report.clipped_pixels),
         ("pixels negative, NaN or infinite", report.negative + report.not_finite),
-        ("pixels left out as outliers", report.outliers),
+        ("pixels ignored as outliers", report.outliers),
         ("pixels of another colour", report.other_colour_pixels),
         ("pixels ignored as dark specks", report.specks),
         ("pixels ignored at edges", report.at_edges),
@@ -431,7 +439,7 @@ fn counts(report: &ObservationReport) -> Markup {
     .filter(|(i, (_, count))| *i < 2 || *count > 0)
     .map(|(_, (name, count))| vec![name.to_owned(), count.to_string()])
     .collect();
-    table::table("Used pixels", &["what", "number"], &rows)
+    table::table("Used and ignored pixels", &["kind", "number"], &rows)
 }
 
 /// Reads the 5, 50 and 95 % quantiles of a number in `result.json`.

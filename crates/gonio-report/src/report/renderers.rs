@@ -43,8 +43,8 @@ pub(super) fn section(name: &str, fits: &Fits) -> Markup {
     let gltf = serde_json::to_string_pretty(&gltf).unwrap_or_default();
     let width = "alpha = roughness²";
     html! {
-        p { "Best fit of each model to the BRDF, with the error of a sphere in a studio light. A tabulated BRDF has \
-            no such error: "
+        p { "Best fit of each model to the BRDF, with the relative error of a sphere in a studio light. The \
+            tabulated BRDF has no such error: "
             code { "gonio export" } " writes the table for Mitsuba and pbrt." }
         (block("mitsuba", "Mitsuba 3, principled", principled.relight, width, &mitsuba_principled(name, &principled.model, Place::Scene)))
         (block("blender", "Blender 4, Principled BSDF (script)", layered.relight, "alpha = Roughness²", &blender_script(name, &layered.model)))

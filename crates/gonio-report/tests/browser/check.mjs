@@ -1,5 +1,5 @@
-// Opens a report by file:// and fails if it says anything on the console, misses a picture, asks for anything but itself, or
-// is wider than a screen or a phone.
+// Opens a report by file://. Fails if the page prints to the console, lacks a picture, requests another file, or is wider
+// than a screen or a phone.
 //
 //     node check.mjs REPORT.html [SCREENSHOT.png]
 //
@@ -43,7 +43,7 @@ async function look(browser, { name, width, height, colorScheme }) {
     const images = [...document.images];
     await Promise.all(images.map((image) => image.decode().catch(() => {})));
     const root = document.documentElement;
-    // What lies inside something that scrolls may be as wide as it likes.
+    // Elements inside a scrolling element may have any width.
     const scrolls = (e) => e && e !== document.body && (getComputedStyle(e).overflowX !== "visible" || scrolls(e.parentElement));
     const wide = [...document.body.querySelectorAll("*")].filter(
       (e) => !e.closest("svg svg, svg *") && e.getBoundingClientRect().right > root.clientWidth + 0.5 && !scrolls(e.parentElement),

@@ -66,7 +66,7 @@ try {
     const label = await page.locator("#sphere canvas").getAttribute("aria-label");
     check(`${name}: the light is chosen by keys and named`, /Light: (?!studio)/.test(label), label);
 
-    // What can be copied is.
+    // The button copies the text.
     const source = page.locator("pre#mitsuba");
     await page.locator("button[data-copy=mitsuba]").click();
     await page.waitForFunction(() => document.querySelector("button[data-copy=mitsuba]").textContent !== "Copy");

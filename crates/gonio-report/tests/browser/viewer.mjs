@@ -146,7 +146,7 @@ async function looksAndUse(browser) {
   check("a lost context comes back", Math.max(...at(restored, 0, 0)) > 25);
   await page.evaluate(() => viewer.dispose());
   check("dispose leaves nothing", (await page.locator("#sphere > *").count()) === 0);
-  // Losing a context on purpose is told on the console.
+  // Chromium prints the intended loss of the context to the console.
   const told = faults.filter((text) => !/CONTEXT_LOST_WEBGL|loseContext/.test(text));
   check("no complaints, nothing asked for", told.length === 0, told.join("; "));
   await close();
@@ -294,7 +294,7 @@ async function numbers(browser) {
     check(`${material} in ${light} turned by ${turn.join(", ")} agrees with the sum over the light`, worst < bound,
       errors.map((e) => `${(100 * e).toFixed(2)} %`).join(" "));
   }
-  // Reading the accumulated picture for these numbers may be told as a stall.
+  // Chromium may print a stall when the test reads the accumulated picture.
   const told = faults.filter((text) => !/ReadPixels/.test(text));
   check("no complaints", told.length === 0, told.join("; "));
   await close();

@@ -62,7 +62,9 @@ fn photographs_tell_their_materials() {
     assert_eq!(stock.scenes(), 3 * 12);
     let monitor = Monitor::new(&|_, _| ());
     let (posterior, losses) = learn(&mut stock, Some(other(4)), &settings(60), None, &monitor).unwrap();
-    assert!(losses.training < -0.1 && losses.new_scenes < -0.2 && losses.new_lights.unwrap() < -0.1, "{losses:?}");
+    assert!(losses.training < -0.5 && losses.new_scenes < -0.1, "{losses:?}");
+    // Four lights are too few for others.
+    assert!(losses.new_lights.unwrap() > losses.new_scenes, "{losses:?}");
     // The embeddings tell the materials of photographs that were not learnt from, and none of these
     // photographs is unusual.
     let (mut along, mut strange, mut certain) = (0.0, 0.0, 0.0);

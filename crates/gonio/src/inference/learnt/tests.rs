@@ -40,7 +40,8 @@ pub(crate) static WORLD: LazyLock<Dictionary> = LazyLock::new(|| {
     let set = [(0.06, 30.0), (0.1, 8.0), (0.2, 3.0), (0.4, 1.0), (1.0, 0.05), (0.06, 2.0)];
     let tables: Vec<(String, BivariateTable)> = set.iter().map(|&(w, s)| (format!("{w} {s}"), lobe(w, s))).collect();
     // Six axes express mixtures, but no random fields.
-    let prior = Prior { fields: 0.0, ..Prior::default() };
+    let shares = [0.1, 0.1, 0.25, 0.12, 0.1, 0.06, 0.13, 0.08, 0.06, 0.0, 0.0];
+    let prior = Prior { shares, fields: 0.0 };
     let settings = DictionarySettings { draws: 60, dimensions: 6, seed: 1, prior };
     Dictionary::new(LogBasis::fit(&tables, 8), &settings)
 });

@@ -106,7 +106,7 @@ impl Dictionary {
         let mixture = draw.of(kind);
         let total: f64 = mixture.iter().map(|(_, w)| w).sum();
         let mixture = mixture.into_iter().filter(|(_, w)| *w > 0.0).map(|(c, w)| (c, w / total)).collect();
-        let field = (rng.random_range(0.0..1.0) < prior.fields).then(|| MaterialField::draw(rng));
+        let field = (prior.fields > 0.0 && rng.random_range(0.0..1.0) < prior.fields).then(|| MaterialField::draw(rng));
         DrawnMaterial { mixture, field }
     }
 }

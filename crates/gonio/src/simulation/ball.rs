@@ -1,10 +1,10 @@
 //! Fast rendering of a ball of many materials under one light.
 //!
-//! Training of the posterior gathers hundreds of lights, each as a matrix from tables to pictures.
-//! Here the light at a point is sampled at half vectors, in rings about its normal that are as fine
-//! as the table, and each sample is the mean over its own solid angle (prefiltered importance
-//! sampling, Colbert & Krivanek 2007). That is much faster than
-//! [`Relighter`](crate::render::Relighter) and agrees with it within some percent.
+//! Training of the posterior requires hundreds of lights; each is gathered as a matrix that maps
+//! tables to pictures. This module samples the light at a point at half vectors, in rings about the
+//! normal that are as fine as the table. Each sample is the mean of the light over the solid angle
+//! of the sample (prefiltered importance sampling, Colbert & Krivanek 2007). The renderer is much
+//! faster than [`Relighter`](crate::render::Relighter) and agrees with it within a few percent.
 
 use faer::linalg::matmul::matmul;
 use faer::{Accum, MatMut, MatRef, Par};
@@ -18,47 +18,47 @@ use crate::reflectance::{BivariateTable, THETA_H};
 use crate::render::pyramid::{Part, level};
 use crate::transfer::kernels::dispatch;
 
-/// Number of rings of half vectors about a normal, even in the square root of the angle like the
-/// rows of a table.
+/// Number of rings of half vectors about a normal. The rings are spaced evenly in the square root
+/// of the angle, like the rows of a table.
 const RINGS: usize = 90;
 
-/// Least and largest number of samples of a ring.
+/// Smallest and largest number of samples in a ring.
 const SPOKES: (f32, f32) = (8.0, 44.0);
 
 /// Typical cosine of the difference angle, used to choose levels.
 const TYPICAL: f64 = 0.8;
 
-/// Number of orbits that are gathered before they are multiplied with the tables.
+/// Number of orbits gathered before each multiplication with the tables.
 const CHUNK: usize = 6;
 
-/// Rows of a group of the far rings' cells: the fewer, the narrower its band of columns.
+/// Number of table rows in a group of cells of the far rings. A smaller group has a narrower band
+/// of columns.
 const FAR_ROWS: usize = 9;
 
-/// Half vectors about a normal along z, for rendering balls.
+/// Renderer of balls: rings of half vectors about a normal along z.
 #[derive(Clone, Debug)]
 pub(super) struct BallRenderer {
     near: Vec<Ring>,
     far: Vec<Ring>,
-    /// Number of rows of a table that the near rings reach.
+    /// Number of table rows that the near rings use.
     near_rows: usize,
 }
 
-/// Half angles in degrees between which lamps change from samples, which show their shape in a
-/// sharp highlight, to points, which are exact in a wide one.
+/// Half angles in degrees between which lamps change from samples to points. Samples preserve the
+/// shape of a lamp in a sharp highlight; points are exact in a wide highlight.
 const NEAR: (f32, f32) = (3.0, 6.0);
 
-/// Group of rings about a normal: half angles below three degrees, or beyond six; those between
-/// have a share in both.
+/// Group of rings about a normal, by half angle: below 3 degrees, or above 6 degrees. Rings between
+/// these angles contribute to both groups.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Rings {
-    /// Rings that show sharp highlights, with lamps as samples.
+    /// Rings that resolve sharp highlights. The samples of the light include the lamps.
     Near,
-    /// Rings whose content changes little over a degree, with lamps added one by one.
+    /// Rings whose contribution changes little over one degree. Lamps are added one by one.
     Far,
 }
 
-/// Returns the share of the far rings, and of the lamps that are points, at a half angle in
-/// degrees.
+/// Returns the weight of the far rings, and of lamps added as points, at a half angle in degrees.
 #[inline(always)]
 pub(super) fn counted(theta_h: f32) -> f32 {
     ((theta_h - NEAR.0) / (NEAR.1 - NEAR.0)).clamp(0.0, 1.0)
@@ -71,7 +71,7 @@ impl BallRenderer {
         let right = std::f64::consts::FRAC_PI_2;
         for ring in 0..RINGS {
             let edge = |r: usize| (r as f64 / RINGS as f64).powi(2) * right;
-            // The middle is taken in the root of the angle, in which tables are linear.
+            // The middle in the square root of the angle, in which tables are linear.
             let root = (ring as f64 + 0.5) / RINGS as f64;
             let theta = root * root * right;
             let (low, high) = (edge(ring), edge(ring + 1));
@@ -80,7 +80,8 @@ impl BallRenderer {
             let solid_angle = std::f64::consts::TAU * (low.cos() - high.cos()) / spokes as f64;
             let place = (root * THETA_H as f64).min((THETA_H - 1) as f64 - 1e-6);
             let half = |spoke: usize| {
-                // Rings are turned against each other by the golden section.
+                // Each ring is rotated relative to the previous one by the golden section of a full
+                // turn.
                 let phi = std::f64::consts::TAU * ((spoke as f64 + 0.5) / spokes as f64 + 0.618_034 * ring as f64);
                 Vec3::new((theta.sin() * phi.cos()) as f32, (theta.sin() * phi.sin()) as f32, theta.cos() as f32)
             };
@@ -100,9 +101,10 @@ impl BallRenderer {
         Self { near, far, near_rows }
     }
 
-    /// Renders the luminance of points with these normals, seen from +z, for each of the tables and
-    /// one group of rings: `[table][normal]`, in the order of the normals that the orbits were made
-    /// of. The sum over both groups is the full picture.
+    /// Renders the luminance of points seen from +z, for each table and one group of rings.
+    ///
+    /// The result is `[table][normal]`, in the order of the normals from which `orbits` was built.
+    /// The sum of both groups is the full picture.
     pub(super) fn render(
         &self,
         orbits: &Orbits,
@@ -166,7 +168,7 @@ mod tests {
     use crate::testing::{ball, light_map};
 
     #[test]
-    fn it_shows_what_the_integrator_does() {
+    fn pictures_match_the_integrator() {
         let lamp = DVec3::new(0.4, 0.5, 0.6).normalize();
         let light = |d: DVec3| if d.angle_between(lamp) < 0.05 { 300.0 } else { 1.0 + d.y };
         let tree = LightTree::of_map(&light_map(1024, light));

@@ -1,8 +1,8 @@
 //! Effects between a scene and its photograph: camera, texture, shadows, and imperfectly known
 //! shapes.
 //!
-//! Each effect has its own strength, down to none. They act on the disk of normals, where every
-//! shape looks alike.
+//! Each effect has its own strength; zero disables it. The effects act on the disk of normals, on
+//! which images of all shapes are alike.
 
 use rand::{Rng, RngExt};
 use rand_distr::{Distribution, Poisson};
@@ -13,32 +13,31 @@ use super::scene::Scene;
 use crate::appearance::disk::{self, DiskImage, SIDE, on_disk};
 use crate::appearance::{Sample, scatter};
 
-/// Standard deviation of the logarithm of the albedo of paint over that of the object.
+/// Standard deviation of the logarithm of the ratio between the albedos of paint and object.
 const PAINT: f32 = 0.7;
 
-/// Range of the readings of hot pixels that escape their detection, relative to the mean of the
-/// picture.
+/// Range of the values of undetected hot pixels, relative to the mean of the picture.
 const HOT: (f32, f32) = (1.2, 20.0);
 
-/// Strengths of all effects on one photograph; zero is none.
+/// Strengths of all effects on one photograph; zero disables an effect.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Camera {
-    /// Radius in pixels of a ball with as many pixels as the object. Photographs of a hundred to a
-    /// thousand pixels across are common.
+    /// Radius in pixels of a ball with as many pixels as the object. Photographs 100 to 1,000
+    /// pixels across are common.
     pub radius: f32,
-    /// Standard deviation of the logarithm of the number of pixels that show a normal: zero for a
-    /// ball, one or more for a figure with flat parts.
+    /// Standard deviation of the logarithm of the number of pixels per normal: zero for a ball, one
+    /// or more for a figure with flat parts.
     pub uneven: f32,
-    /// Share of the normals that are not seen at all: the side facing a pedestal, holes of a scan,
-    /// a cropped picture.
+    /// Share of the normals without pixels: the side facing a pedestal, holes in a scan, the
+    /// cropped part of a picture.
     pub missing: f32,
     /// Noise independent of brightness, relative to the mean of the picture: read noise, at most a
     /// few percent in the dark parts of one exposure (EMVA 1288).
     pub read: f32,
-    /// Noise of a pixel of mean brightness that grows with the root of the brightness: shot noise
-    /// (EMVA 1288).
+    /// Shot noise of a pixel of mean brightness, relative to the mean of the picture. It grows with
+    /// the square root of the brightness (EMVA 1288).
     pub shot: f32,
-    /// Levels between black and the largest value, 2^8 for 8 bits; zero for floats.
+    /// Number of levels between black and the largest value: 2^8 for 8 bits, zero for floats.
     pub levels: f32,
     /// Share of the pixels that are clipped.
     pub clipped: f32,
@@ -48,12 +47,11 @@ pub struct Camera {
     /// percent for ordinary lenses (ISO 9358).
     pub glare: f32,
     /// Relative standard deviation of the albedo from pixel to pixel: grain, flakes, weave. The
-    /// three photographed objects beside this data have 6 to 23 %.
+    /// project's three photographed objects have 6 to 23 %.
     pub speckle: f32,
-    /// Standard deviation of the logarithm of the albedo over regions: stains, wear.
+    /// Standard deviation of the logarithm of the albedo between regions: stains, wear.
     pub stains: f32,
-    /// Share of the light that the darkest parts of a figure lack because of unmodelled shadows,
-    /// 0..=1.
+    /// Share of the light that unmodelled shadows remove from the darkest parts of a figure, 0..=1.
     pub shadow: f32,
     /// Interreflected light in a figure, relative to the mean of the picture.
     pub bounce: f32,
@@ -65,20 +63,20 @@ pub struct Camera {
     pub occluded: f32,
     /// Share of the pixels that are hot or dead.
     pub defective: f32,
-    /// Error of the normals from pixel to pixel, radians: the noise of a scan.
+    /// Error of the normals from pixel to pixel, in radians: the noise of a scan.
     pub rough_normals: f32,
-    /// Error of the normals over regions, radians: a scan that was smoothed or is a pixel off the
-    /// picture.
+    /// Error of the normals over regions, in radians: from a scan that is smoothed or shifted by a
+    /// pixel relative to the picture.
     pub wrong_normals: f32,
-    /// Error of the outline: its radius and centre, relative to the radius.
+    /// Error of the radius and the centre of the outline, relative to the radius.
     pub outline: f32,
-    /// Whether pixels of one normal come from several places, which differ in albedo, shadow and
-    /// interreflected light.
+    /// Whether pixels with the same normal come from several places on the object, which differ in
+    /// albedo, shadow and interreflected light.
     pub figure: bool,
 }
 
 impl Camera {
-    /// A photograph without any fault, of a ball of 128 pixels.
+    /// A photograph without effects, of a ball 128 pixels across.
     pub const CLEAN: Self = Self {
         radius: 64.0,
         uneven: 0.0,
@@ -103,8 +101,10 @@ impl Camera {
         figure: false,
     };
 
-    /// Draws a camera, an object and its shape at random. A quarter are renderings, clean except
-    /// for a little noise; the others have each effect with a probability of its own.
+    /// Draws a camera, an object and its shape at random.
+    ///
+    /// One quarter of the photographs are renderings, clean except for weak noise and, in some,
+    /// unevenly spread normals. In the others, each effect occurs with its own probability.
     pub fn draw(rng: &mut impl Rng) -> Self {
         let log = |rng: &mut _, low: f32, high: f32| log_between(rng, (low, high));
         let clean = rng.random_range(0.0..1.0) < 0.25;
@@ -167,14 +167,15 @@ impl Camera {
             let places = self.displaced(rng);
             (image, details) = (shifted(&image, &places), shifted(&details, &places));
         }
-        // Variation among a cell's own pixels because their normals vary.
+        // Normals that vary within a cell make its pixels differ by the slope of the image.
         let slope = if self.rough_normals > 0.0 { slopes(&image) } else { Vec::new() };
         let rough = self.rough_normals * 0.5 * SIDE as f32;
         let width = self.blur.hypot(rough);
         if width > 0.15 {
             image = blurred(&image, width);
         }
-        // Details are waves of some 1.7 cells: they are damped by the transform of the blur there.
+        // Details have wavelengths of about 1.7 cells; the Fourier transform of the blur damps
+        // them.
         let kept_detail = (-7.0 * width * width).exp() * (1.0 - self.glare);
         details.iter_mut().for_each(|d| *d *= kept_detail);
         let mean = disk::mean(&image);
@@ -210,7 +211,7 @@ impl Camera {
                 + among.get(cell).copied().unwrap_or(0.0);
             let error = (variance / count).sqrt();
             let mut noisy = value + gauss(rng) * error;
-            // The chance that one of the cell's pixels is defective.
+            // With this probability, one of the pixels of the cell is defective.
             if self.defective > 0.0 && between(rng, 0.0, 1.0) < self.defective * count.max(1.0) {
                 let reading = if between(rng, 0.0, 1.0) < 0.5 { 0.0 } else { mean * log_between(rng, HOT) };
                 noisy += (reading - value) / count.max(1.0);
@@ -219,8 +220,8 @@ impl Camera {
             let rounded = if step > 0.0 && count < 3.0 { (noisy / step).round() * step } else { noisy };
             seen[cell] = rounded.max(0.0);
             kept[cell] = count;
-            // Four quarters of a fourth of the pixels each have three differences, each as
-            // uncertain as their mean.
+            // The four quarters, each with a fourth of the pixels, have three independent
+            // differences. Each difference has the same standard error as the mean of the cell.
             if self.quarters_seen(count, rng) {
                 let [a, b, c] = [details[cell], 0.0, 0.0].map(|d| d + gauss(rng) * error);
                 found[cell] = Some((a * a + b * b + c * c).sqrt());
@@ -234,14 +235,14 @@ impl Camera {
         DiskImage::of_cells(seen, kept, found, told)
     }
 
-    /// Whether each quarter of a cell contains a pixel; the pixels lie evenly or, where `uneven`,
-    /// at random.
+    /// Draws whether each quarter of a cell contains a pixel. The pixels are spread evenly or, if
+    /// `uneven` is positive, at random.
     fn quarters_seen(&self, count: f32, rng: &mut impl Rng) -> bool {
         let share = if self.uneven > 0.0 { (1.0 - (-0.25 * count).exp()).powi(4) } else { (count - 3.0) / 3.0 };
         share >= 1.0 || (share > 0.0 && between(rng, 0.0, 1.0) < share)
     }
 
-    /// Applies the stains of an object that shows each normal once.
+    /// Applies the stains of an object that has each normal at one place only.
     fn stain(&self, image: &mut [f32], details: &mut [f32], rng: &mut impl Rng) {
         if self.stains > 0.0 {
             let (coarse, fine) = (field(6, rng), field(16, rng));
@@ -253,8 +254,8 @@ impl Camera {
         }
     }
 
-    /// Returns the number of pixels of each cell, and whether a cell has several pixels whose
-    /// scatter can be estimated.
+    /// Returns the number of pixels of each cell, and whether cells have enough pixels (three) for
+    /// an estimate of their scatter.
     fn counts(&self, figure: Option<&Figure>, rng: &mut impl Rng) -> (Vec<f32>, bool) {
         let each = (self.radius / (0.5 * SIDE as f32)).powi(2);
         let mut counts = vec![each; SIDE * SIDE];
@@ -263,14 +264,14 @@ impl Camera {
         }
         if self.uneven > 0.0 {
             let density = field(10, rng);
-            // Large counts are nearly normally distributed, which is faster to draw.
+            // Large counts are nearly normally distributed; normal numbers are faster to draw.
             let mut poisson = |mean: f32| match mean {
                 many if many > 12.0 => (many + many.sqrt() * gauss(rng)).round().max(0.0),
                 few => Poisson::new(f64::from(few.max(1e-4))).map_or(0.0, |p| p.sample(rng) as f32),
             };
             counts.iter_mut().zip(&density).for_each(|(c, d)| *c = poisson(*c * (self.uneven * d).exp()));
         } else if figure.is_none() && each < 1.0 {
-            // A grid of pixels coarser than the cells.
+            // The grid of pixels is coarser than the cells.
             let stride = 1.0 / each.sqrt();
             let line = |i: usize| ((i + 1) as f32 / stride).floor() > (i as f32 / stride).floor();
             for (cell, count) in counts.iter_mut().enumerate() {
@@ -295,8 +296,10 @@ impl Camera {
         (counts, each >= 3.0)
     }
 
-    /// Returns the places, `(x, y)` in cells, whose values the cells of a wrong shape show: normals
-    /// are off by a smooth field of shifts, a global shift, and another radius.
+    /// Returns the place `(x, y)`, in cells, from which each cell takes its value if the shape is
+    /// wrong.
+    ///
+    /// The places deviate by a smooth field of shifts, a global shift, and a change of the radius.
     fn displaced(&self, rng: &mut impl Rng) -> Vec<(f32, f32)> {
         let cells = 0.5 * SIDE as f32;
         let (right, down) = (field(7, rng), field(7, rng));
@@ -307,7 +310,7 @@ impl Camera {
             let (x, y) = ((cell % SIDE) as f32 + 0.5 - cells, (cell / SIDE) as f32 + 0.5 - cells);
             let x = x * (1.0 + stretch) + dx + regional * right[cell];
             let y = y * (1.0 + stretch) + dy + regional * down[cell];
-            // Beyond the rim there is no object.
+            // There is no object beyond the rim.
             let shrink = (0.975 * cells / x.hypot(y).max(1e-6)).min(1.0);
             (x * shrink + cells - 0.5, y * shrink + cells - 0.5)
         };
@@ -341,7 +344,7 @@ impl Camera {
     }
 }
 
-/// Draws a number whose logarithm is uniform.
+/// Draws a number whose logarithm is uniformly distributed.
 fn log_between(rng: &mut impl Rng, (low, high): (f32, f32)) -> f32 {
     between(rng, low.ln(), high.ln()).exp()
 }
@@ -352,7 +355,7 @@ fn shifted(image: &[f32], places: &[(f32, f32)]) -> Vec<f32> {
     places.iter().enumerate().map(at).collect()
 }
 
-/// Estimates the scatter of an image whose cells are its pixels.
+/// Estimates the scatter of an image that has one pixel in each cell.
 fn told_of_cells(values: &[f32], counts: &[f32]) -> f32 {
     let samples: Vec<Sample> = (0..SIDE * SIDE)
         .filter(|&c| counts[c] > 0.0)
@@ -390,7 +393,7 @@ mod tests {
         camera.photograph(&scene(), &grey, &mut Pcg64::seed_from_u64(seed))
     }
 
-    /// Root mean square of the relative difference to the scene over observed cells.
+    /// Root mean square of the relative difference from the scene over the observed cells.
     fn error(image: &DiskImage) -> f32 {
         let scene = scene().values;
         let seen: Vec<usize> = (0..SIDE * SIDE).filter(|&c| image.counts[c] > 0.0).collect();
@@ -399,7 +402,7 @@ mod tests {
     }
 
     #[test]
-    fn a_clean_camera_shows_the_scene() {
+    fn a_clean_camera_reproduces_the_scene() {
         let image = taken(&Camera::CLEAN, 1);
         assert!(error(&image) < 1e-6 && image.observed() > 0.999);
         assert_eq!(
@@ -409,7 +412,7 @@ mod tests {
     }
 
     #[test]
-    fn speckle_averages_out_over_pixels_and_is_told() {
+    fn speckle_averages_out_over_pixels_and_sets_the_scatter() {
         let few = Camera { speckle: 0.2, ..Camera::CLEAN };
         let many = Camera { radius: 256.0, ..few };
         assert!((error(&taken(&few, 3)) / 0.2 - 1.0).abs() < 0.1);
@@ -420,7 +423,7 @@ mod tests {
     }
 
     #[test]
-    fn each_effect_changes_something_and_more_of_it_more() {
+    fn each_effect_changes_the_image_and_grows_with_its_strength() {
         let with = |set: Set<'_>, strength: f32| {
             let mut camera = Camera { radius: 128.0, ..Camera::CLEAN };
             set(&mut camera, strength);
@@ -447,7 +450,7 @@ mod tests {
     }
 
     #[test]
-    fn details_need_pixels_and_a_sharp_lens() {
+    fn details_require_many_pixels_and_a_sharp_lens() {
         let median = |image: &DiskImage| {
             let scene = scene();
             let mut all: Vec<f32> = (0..SIDE * SIDE)
@@ -464,8 +467,8 @@ mod tests {
         let large = Camera { radius: 256.0, ..Camera::CLEAN };
         near(large, 0.05);
         near(Camera { blur: 0.3, ..large }, 0.05 * (-7.0_f32 * 0.09).exp());
-        // Noise counts as detail where a quarter has few pixels: 0.2 / sqrt(16) times the median of
-        // a chi distribution with three degrees of freedom.
+        // In cells of 16 pixels, noise counts as detail: 0.2 / sqrt(16) times the median of a chi
+        // distribution with three degrees of freedom.
         near(Camera { blur: 1.0, speckle: 0.2, ..large }, 0.05 * 1.538);
         assert_eq!(median(&taken(&Camera { radius: 100.0, ..large }, 4)).0, 0.0);
         let few = Camera { uneven: 0.01, ..large };
@@ -474,7 +477,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_missing_or_clipped_is_not_observed() {
+    fn missing_occluded_and_clipped_cells_are_not_observed() {
         let gaps = taken(&Camera { missing: 0.3, ..Camera::CLEAN }, 1);
         assert!((gaps.observed() - 0.7).abs() < 0.02);
         let hidden = taken(&Camera { occluded: 0.4, ..Camera::CLEAN }, 1);

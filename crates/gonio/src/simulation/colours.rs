@@ -14,24 +14,24 @@ use crate::scene::{ObservationSettings, sphere_points};
 use crate::shape::SurfacePoint;
 use crate::sphere::OctahedralMap;
 
-/// Accuracy of the pictures. Differences of channels hardly depend on an error in single points.
+/// Accuracy of the pictures. Differences of channels hardly depend on errors of single points.
 const ACCURACY: IntegratorSettings = IntegratorSettings { tolerance: 0.3, max_cells: 8_000 };
 
-/// Number of normals on the visible hemisphere: that of a ball of some 40 pixels of radius.
+/// Number of normals on the visible hemisphere, about that of a ball with a radius of 40 pixels.
 const NORMALS: usize = 6_000;
 
-/// Turn of the camera from one light to the next in degrees, the golden angle.
+/// Rotation of the camera from one light to the next, in degrees: the golden angle.
 const TURN: f64 = 137.5;
 
-/// Cameras around each light whose chroma the prior of lights is learnt from.
+/// Number of cameras around each light. The prior of lights is learnt from their chromas.
 const CAMERAS: usize = 8;
 
-/// Photographs of every material in every light, one each.
+/// Simulated photographs: one of every material in every light.
 pub struct ColourStock<'a> {
     posterior: &'a LearntPosterior,
     materials: Vec<[BivariateTable; 3]>,
     luminances: Vec<BivariateTable>,
-    /// Differences of the channels of each material.
+    /// Differences of the channels of each material from its luminance.
     truths: Vec<[Vec<f64>; 3]>,
     lights: usize,
     samples: Vec<ColourSample>,
@@ -39,8 +39,10 @@ pub struct ColourStock<'a> {
 }
 
 impl<'a> ColourStock<'a> {
-    /// Starts with measured materials (red, green and blue of each) and the posterior that reads
-    /// their channels. Cells beyond 80 degrees take the value of the nearest trusted one.
+    /// Builds a stock of measured materials (red, green and blue of each), without photographs.
+    ///
+    /// `posterior` evaluates their channels. Cells beyond 80 degrees take the value of the nearest
+    /// trusted cell.
     pub fn new(posterior: &'a LearntPosterior, mut materials: Vec<[BivariateTable; 3]>) -> Self {
         materials.iter_mut().flatten().for_each(BivariateTable::extend_from_trusted);
         let luminances: Vec<BivariateTable> = materials.iter().map(BivariateTable::luminance).collect();
@@ -58,7 +60,7 @@ impl<'a> ColourStock<'a> {
         }
     }
 
-    /// Photographs every material in one more light.
+    /// Adds photographs of every material in one more light.
     pub fn add_light(&mut self, map: &EnvironmentMap) {
         let grid = map.reduced(128).to_grid(OctahedralMap::EqualArea, 32);
         let around = |k: usize| DQuat::from_rotation_y(std::f64::consts::TAU * k as f64 / CAMERAS as f64);
@@ -92,10 +94,10 @@ impl<'a> ColourStock<'a> {
         self.lights += 1;
     }
 
-    /// Learns from all photographs.
+    /// Learns a colour model from all photographs.
     ///
     /// # Panics
-    /// If there are none.
+    /// If there are no photographs.
     pub fn learn(&self) -> ColourModel {
         ColourModel::learn(&self.posterior.coordinates, &self.materials, &self.samples, &self.chromas)
     }

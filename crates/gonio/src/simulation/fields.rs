@@ -13,14 +13,14 @@ pub(super) fn gauss(rng: &mut impl Rng) -> f32 {
     StandardNormal.sample(rng)
 }
 
-/// Returns the value below which a share of the disk lies.
+/// Returns the value below which a share of the cells of the disk lies.
 pub(super) fn quantile(values: &[f32], share: f32) -> f32 {
     let mut on: Vec<f32> = (0..SIDE * SIDE).filter(|&c| on_disk(c)).map(|c| values[c]).collect();
     let at = (share.clamp(0.0, 1.0) * (on.len() - 1) as f32) as usize;
     *on.select_nth_unstable_by(at, f32::total_cmp).1
 }
 
-/// Computes the slope from cell to cell.
+/// Computes the magnitude of the slope at each cell, per width of a cell.
 pub(super) fn slopes(image: &[f32]) -> Vec<f32> {
     let slope = |c: usize| {
         if !on_disk(c) || c < SIDE || c + SIDE >= SIDE * SIDE {
@@ -97,7 +97,7 @@ pub(super) fn field(across: usize, rng: &mut impl Rng) -> Vec<f32> {
     };
     let (columns, rows) = (line(shift.0), line(shift.1));
     let mut out = Vec::with_capacity(SIDE * SIDE);
-    // The standard deviation of a mean with these weights, averaged over places, is 0.48.
+    // The weighted sum has a standard deviation of 0.479, averaged over places.
     const SCALE: f32 = 1.0 / 0.479;
     for (row, v) in &rows {
         let across_rows: Vec<f32> =

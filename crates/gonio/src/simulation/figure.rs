@@ -11,16 +11,16 @@ use super::Camera;
 use super::fields::{between, field, gauss};
 use crate::appearance::disk::{SIDE, centre, on_disk};
 
-/// Statistics of the pixels of a cell: their number, and means over the parts that share it.
+/// Statistics of the pixels of a cell: their number, and means over the parts that share the cell.
 #[derive(Clone, Copy, Default)]
 struct Shared {
     /// Number of pixels of all parts, with mean one over the disk.
     density: f32,
     /// Mean of the factor by which the scene is multiplied.
     factor: f32,
-    /// Mean of the light added to it, relative to the scene's mean.
+    /// Mean of the light added to the scene, relative to the scene's mean.
     added: f32,
-    /// Variances of both among the pixels, and their covariance.
+    /// Variances of factor and added light among the pixels, and their covariance.
     spread: [f32; 3],
 }
 
@@ -82,13 +82,13 @@ impl Part {
 
     /// Iterates over the cells of the square that the part may reach.
     fn cells(&self) -> impl Iterator<Item = usize> + use<> {
-        // An uneven edge may reach half as far again.
+        // The uneven edge may extend the part by about half its length.
         let reach = 1.6 * self.reach.0;
         let range = |middle: f32| {
             let cell = |at: f32| ((0.5 * at + 0.5) * SIDE as f32).clamp(0.0, SIDE as f32) as usize;
             cell(middle - reach)..(cell(middle + reach) + 1).min(SIDE)
         };
-        // Rows of the disk go down, y goes up.
+        // Rows of the disk count downwards; y points upwards.
         let (rows, columns) = (range(-self.middle.1), range(self.middle.0));
         rows.flat_map(move |row| columns.clone().map(move |column| row * SIDE + column))
     }
@@ -129,8 +129,9 @@ impl Figure {
         self.cells.iter().map(|c| c.density)
     }
 
-    /// Applies the figure to a scene of some mean: changes values and details, and returns the
-    /// variance among the pixels of each cell.
+    /// Applies the figure to the values and details of a scene with the mean `mean`.
+    ///
+    /// Returns the variance among the pixels of each cell.
     pub(super) fn show(&self, image: &mut [f32], details: &mut [f32], mean: f32) -> Vec<f32> {
         let seen = image.iter_mut().zip(details).zip(&self.cells);
         let cell = |((image, detail), shared): ((&mut f32, &mut f32), &Shared)| {
@@ -182,13 +183,13 @@ mod tests {
     }
 
     #[test]
-    fn without_faults_every_part_is_alike() {
+    fn without_effects_all_parts_are_equal() {
         let (image, variance) = shown(&Camera::CLEAN, 1);
         assert!(image.iter().all(|v| (v - 2.0).abs() < 1e-4) && variance.iter().all(|v| *v < 1e-4));
     }
 
     #[test]
-    fn every_normal_is_seen_and_some_more_often() {
+    fn every_normal_has_pixels_and_some_have_more() {
         let density: Vec<f32> = Figure::draw(&ALL, &mut Pcg64::seed_from_u64(2)).densities().collect();
         let on: Vec<f32> = (0..SIDE * SIDE).filter(|&c| on_disk(c)).map(|c| density[c]).collect();
         let mean = on.iter().sum::<f32>() / on.len() as f32;
@@ -197,7 +198,7 @@ mod tests {
     }
 
     #[test]
-    fn parts_end_abruptly() {
+    fn parts_have_sharp_edges() {
         // Steps between neighbouring cells are larger than in a smooth field of the same variance,
         // whose waves are no shorter than a dozen cells.
         let (mut steps, mut total) = (0.0, 0.0);
@@ -213,8 +214,8 @@ mod tests {
     }
 
     #[test]
-    fn the_variance_is_that_among_the_parts() {
-        // Only the mean is seen where the body is alone.
+    fn only_cells_with_several_parts_have_variance() {
+        // Cells that only the body covers have no variance.
         let figure = Figure::draw(&Camera { stains: 0.3, ..Camera::CLEAN }, &mut Pcg64::seed_from_u64(5));
         let alone = figure.densities().fold(f32::INFINITY, f32::min);
         let (mut image, mut details) = (vec![1.0; SIDE * SIDE], vec![0.0; SIDE * SIDE]);

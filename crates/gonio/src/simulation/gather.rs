@@ -1,5 +1,7 @@
-//! Innermost loops of [`BallRenderer`](super::BallRenderer): the light at eight normals, images of
-//! each other, is added to the cells of the table that reflect it.
+//! Innermost loops of [`BallRenderer`](super::BallRenderer).
+//!
+//! They add the light at eight normals, which are images of each other, to the table cells that
+//! reflect it.
 
 use std::array;
 
@@ -17,18 +19,18 @@ const LANES: usize = 16;
 
 type Lanes = [f32; LANES];
 
-/// Half vectors about a normal along z at one angle to it.
+/// Half vectors at one angle to a normal along z.
 #[derive(Clone, Debug)]
 pub(super) struct Ring {
-    /// Row of the table below the angle, and the fraction of the way to the next.
+    /// Row of the table below the angle, and the fraction of the distance to the next row.
     pub(super) row: usize,
     pub(super) beyond: f32,
     /// Solid angle of each half vector.
     pub(super) solid_angle: f32,
-    /// Level of the light whose texels are as large as that solid angle.
+    /// Level of the light whose texels match the solid angle of light of each half vector.
     level: usize,
     half_side: f32,
-    /// Half vectors by lanes, and how many of them each block holds.
+    /// Blocks of half vectors by lanes, each with the number of its half vectors.
     blocks: Vec<([Lanes; 3], usize)>,
 }
 
@@ -44,19 +46,20 @@ impl Ring {
     }
 }
 
-/// A lamp, with everything about it that does not depend on the normal.
+/// Lamp, with its quantities that do not depend on the normal.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Lamp {
     towards: Vec3,
     half: Vec3,
     irradiance: f32,
-    /// Column of the table below the difference angle, and the fraction of the way to the next.
+    /// Column of the table below the difference angle, and the fraction of the distance to the
+    /// next.
     column: usize,
     next: f32,
 }
 
 impl Lamp {
-    /// Lists the lamps of a light. One opposite the camera reaches no visible normal.
+    /// Lists the lamps of a light, except those opposite the camera, which reach no visible normal.
     pub(super) fn all(light: &LightPyramid) -> Vec<Self> {
         let lamp = |&(towards, irradiance): &(Vec3, f32)| {
             let sum = towards + Vec3::Z;
@@ -67,29 +70,30 @@ impl Lamp {
     }
 }
 
-/// Order of the cells of a table in memory: rows in groups, in each group column by column. The
-/// half vectors at one normal have difference angles in a band, which is contiguous in it.
+/// Order of the cells of a table in memory: groups of rows, each stored column by column. The
+/// difference angles of the half vectors at one normal form a band, which is contiguous in this
+/// order.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Layout {
-    /// Rows of a group.
+    /// Number of rows in a group.
     pub(super) rows: usize,
     /// Number of groups.
     pub(super) groups: usize,
 }
 
 impl Layout {
-    /// Number of cells, with the rows that the last group has beyond the table.
+    /// Number of cells, including the rows of the last group beyond the table.
     pub(super) fn cells(self) -> usize {
         self.groups * self.rows * THETA_D
     }
 
-    /// Index of the cell of a row in the first column; the next column is `rows` cells on.
+    /// Index of the cell of a row in the first column. The next column follows after `rows` cells.
     #[inline(always)]
     fn first(self, row: usize) -> usize {
         row / self.rows * self.rows * THETA_D + row % self.rows
     }
 
-    /// Lays out the values of a table; cells beyond it are zero.
+    /// Arranges the values of a table in this order; cells beyond the table are zero.
     pub(super) fn laid(self, table: &[f32]) -> Vec<f32> {
         let mut out = vec![0.0; self.cells()];
         for (row, values) in table.chunks_exact(THETA_D).take(self.rows * self.groups).enumerate() {
@@ -100,18 +104,18 @@ impl Layout {
     }
 }
 
-/// Light at the normals of some orbits by the cell of the table that reflects it.
+/// Light at the normals of some orbits, grouped by the table cell that reflects it.
 pub(super) struct Cells {
     layout: Layout,
     /// Number of orbits.
     pub(super) orbits: usize,
     /// `[cell][orbit][way]`.
     pub(super) light: Vec<f32>,
-    /// First and last column of each group of rows that is not zero.
+    /// First and last column that is not zero in each group of rows.
     bands: Vec<(usize, usize)>,
 }
 
-/// Band without a column.
+/// Band without columns.
 const NOTHING: (usize, usize) = (usize::MAX, 0);
 
 impl Cells {
@@ -120,7 +124,7 @@ impl Cells {
         Self { layout, orbits, light, bands: vec![NOTHING; layout.groups] }
     }
 
-    /// Ranges of cells that are not zero.
+    /// Iterates over the ranges of cells that are not zero.
     pub(super) fn ranges(&self) -> impl Iterator<Item = std::ops::Range<usize>> {
         let rows = self.layout.rows;
         let range = move |(group, &(low, high)): (usize, &(usize, usize))| {
@@ -130,7 +134,7 @@ impl Cells {
         self.bands.iter().enumerate().filter(|(_, band)| **band != NOTHING).map(range)
     }
 
-    /// Makes all of them zero again.
+    /// Sets all cells to zero.
     pub(super) fn clear(&mut self) {
         let (ranges, each): (Vec<_>, usize) = (self.ranges().collect(), self.orbits * WAYS);
         ranges.into_iter().for_each(|r| self.light[r.start * each..r.end * each].fill(0.0));
@@ -138,7 +142,7 @@ impl Cells {
     }
 }
 
-/// Extends the bands of a row and the next by columns.
+/// Extends the bands of a row and of the next row to a range of columns.
 #[inline(always)]
 fn widen(bands: &mut [(usize, usize)], layout: Layout, row: usize, (low, high): (usize, usize)) {
     for group in [row / layout.rows, (row + 1) / layout.rows] {
@@ -147,12 +151,12 @@ fn widen(bands: &mut [(usize, usize)], layout: Layout, row: usize, (low, high): 
     }
 }
 
-/// Task that adds the light at the images of some normals to cells that are zero.
+/// Task that adds the light at the images of some normals to `cells`, which must be zero.
 pub(super) struct Gather<'a> {
     pub(super) rings: &'a [Ring],
     pub(super) lamps: &'a [Lamp],
     pub(super) light: &'a Pyramid<Eight>,
-    /// Part of the light that the rings see.
+    /// Part of the light that the rings sample.
     pub(super) part: Part,
     /// One normal of each orbit.
     pub(super) normals: &'a [Vec3],
@@ -218,7 +222,7 @@ fn add_ring(ring: &Ring, normal: Vec3, (light, part): (&Pyramid<Eight>, Part), o
     }
 }
 
-/// Adds a lamp at normals with these `x`, `y` and their common `z`.
+/// Adds a lamp at the normals with coordinates `x` and `y` and their common coordinate `z`.
 #[inline(always)]
 fn add_lamp(lamp: &Lamp, (x, y, z): (&[f32; WAYS], &[f32; WAYS], f32), orbit: usize, cells: &mut Cells) {
     let mut weights = [0.0; WAYS];
@@ -250,7 +254,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn angles_come_back_from_their_cosines() {
+    fn degrees_of_cosine_inverts_the_cosine() {
         for i in 0..=900 {
             let angle = 0.1 * f64::from(i);
             let got = degrees_of_cosine(angle.to_radians().cos() as f32);
@@ -259,7 +263,7 @@ mod tests {
     }
 
     #[test]
-    fn every_cell_has_its_own_place() {
+    fn the_layout_stores_every_cell_once() {
         for layout in [Layout { rows: 25, groups: 1 }, Layout { rows: 8, groups: 12 }] {
             let rows = THETA_H.min(layout.rows * layout.groups);
             let table: Vec<f32> = (1..=rows * THETA_D).map(|i| i as f32).collect();

@@ -7,7 +7,7 @@ use super::pyramid::LightPyramid;
 use crate::lighting::EnvironmentMap;
 use crate::picture::luminance;
 
-/// Kind of light that a photograph is taken in.
+/// Kind of light in a simulated photograph.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LightKind {
     /// A captured map.
@@ -21,15 +21,15 @@ pub enum LightKind {
     Lamps,
     /// A single lamp near the camera.
     Flash,
-    /// Even light from all around, with a few large bright and dark panels: a tent, a studio.
+    /// Even light from all directions, with a few large bright and dark panels: a tent, a studio.
     Tent,
     /// A dim room with one to three bright windows.
     Windows,
 }
 
 impl LightKind {
-    /// All kinds with their frequencies: half are captured lights unchanged, the rest are unlike
-    /// any captured sky.
+    /// All kinds with their frequencies: half are unchanged captured lights, the others resemble no
+    /// captured sky.
     pub const SHARES: [(Self, f64); 7] = [
         (Self::Captured, 0.5),
         (Self::Lamped, 0.08),
@@ -40,8 +40,9 @@ impl LightKind {
         (Self::Windows, 0.08),
     ];
 
-    /// Returns the kind of the `index`-th camera: in every hundred as many as [`Self::SHARES`]
-    /// says, evenly spread.
+    /// Returns the kind of the light of the `index`-th camera.
+    ///
+    /// The kinds are evenly spread; their frequencies are [`Self::SHARES`].
     pub fn of(index: usize) -> Self {
         let at = (index as f64 * 0.618_034).fract();
         let mut below = 0.0;
@@ -54,8 +55,9 @@ impl LightKind {
         Self::Captured
     }
 
-    /// Builds a light of this kind in the frame of a camera (z towards it) that `camera` turns to
-    /// the frame of the map.
+    /// Builds a light of this kind in the frame of a camera, with z towards the camera.
+    ///
+    /// `camera` is the rotation from this frame to that of the map.
     pub fn light(self, map: &EnvironmentMap, camera: DQuat, rng: &mut impl Rng) -> LightPyramid {
         let captured = |d: DVec3| f64::from(luminance(map.at(camera * d)));
         let mean = mean_of(map);
@@ -110,7 +112,7 @@ impl LightKind {
                     })
                     .collect();
                 let power = log_between(rng, 0.05, 1.0) / mean;
-                // The view through a window, some sky or house, is not quite even.
+                // The view through a window, such as sky or a house, is not quite uniform.
                 LightPyramid::new(|d| {
                     let view = 0.6 + 0.4 * (3.0 * d.y + 2.0 * d.x).sin();
                     power * captured(d) + view * windows.iter().map(|w| w.at(d)).sum::<f64>()
@@ -142,7 +144,7 @@ fn log_between(rng: &mut impl Rng, low: f64, high: f64) -> f64 {
     between(rng, low.ln(), high.ln()).exp()
 }
 
-/// Returns a direction at an angle (degrees) from another, at a random azimuth about it.
+/// Returns a direction at an angle (degrees) from `axis`, at a random azimuth.
 fn around(axis: DVec3, degrees: f64, rng: &mut impl Rng) -> DVec3 {
     let (x, y) = axis.any_orthonormal_pair();
     let (angle, phi) = (degrees.to_radians(), between(rng, 0.0, std::f64::consts::TAU));
@@ -157,15 +159,16 @@ struct Lamp {
 }
 
 impl Lamp {
-    /// Builds a lamp of a radius in degrees, with the power of an even light of radiance `mean`
+    /// Builds a lamp with a radius in degrees and the power of an even light of radiance `mean`
     /// over the whole sphere.
     fn new(direction: DVec3, degrees: f64, mean: f64) -> Self {
         let least = degrees.to_radians().cos();
         Self { direction, least, radiance: 2.0 * mean / (1.0 - least) }
     }
 
-    /// Draws up to `most` lamps in front of or beside the object, each with a share of the power of
-    /// an even light of radiance `mean`.
+    /// Draws one to `most` lamps in front of or beside the object.
+    ///
+    /// The power of each lamp is a share of that of an even light of radiance `mean`.
     fn several(most: usize, mean: f64, share: (f64, f64), rng: &mut impl Rng) -> Vec<Self> {
         (0..rng.random_range(1..=most))
             .map(|_| {
@@ -223,7 +226,7 @@ mod tests {
     }
 
     #[test]
-    fn kinds_come_as_often_as_they_should() {
+    fn kinds_occur_in_their_shares() {
         for (kind, share) in LightKind::SHARES {
             let count = (0..2000).filter(|&i| LightKind::of(i) == kind).count();
             assert!((count as f64 / 2000.0 - share).abs() < 0.005, "{kind:?} {count}");
@@ -231,9 +234,9 @@ mod tests {
     }
 
     #[test]
-    fn captured_light_is_turned_with_the_camera() {
+    fn captured_light_rotates_with_the_camera() {
         let mut rng = Pcg64::seed_from_u64(1);
-        // The camera lies on its back: the top of the map is behind it.
+        // The camera looks straight down: the top of the map is behind it.
         let turn = DQuat::from_rotation_x(-std::f64::consts::FRAC_PI_2);
         let light = LightKind::Captured.light(&map(), turn, &mut rng);
         for d in fibonacci_hemisphere(50) {
@@ -243,7 +246,7 @@ mod tests {
     }
 
     #[test]
-    fn lamps_have_the_power_they_are_given() {
+    fn lamps_have_the_given_power() {
         let lamp = Lamp::new(DVec3::new(0.6, 0.0, 0.8), 5.0, 3.0);
         let light = LightPyramid::new(|d| lamp.at(d));
         assert!((mean(&light, 50_000, |_| true) / 3.0 - 1.0).abs() < 0.05);

@@ -1,11 +1,12 @@
 //! Simulated photographs: materials of the prior under captured and artificial lights, with camera
 //! effects.
 //!
-//! A [`Stock`] contains groups of scenes: ideal images of a ball of each of some materials in each
-//! of some views of captured lights. An unlimited number of photographs can be drawn from it.
-//! Images are linear in the light and in the material: a photograph shows one material of a group
-//! or a mixture of two, in the sum of up to four views with random weights and turns. The number of
-//! lights is thus unlimited, so that an encoder cannot memorise them (`docs/training.md`).
+//! A [`Stock`] contains groups of scenes. A group has some materials and some views of lights; its
+//! scenes are ideal images of a ball of each material in each view. Any number of photographs can
+//! be drawn from a stock, since images are linear in the light and in the material. A photograph
+//! shows one material of a group or a mixture of two. Its light is the sum of up to four views with
+//! random weights and turns. The number of lights is therefore unlimited, and an encoder cannot
+//! memorise them (`docs/training.md`).
 
 mod ball;
 mod camera;
@@ -44,13 +45,13 @@ use crate::reflectance::{BivariateTable, Dictionary, DrawnMaterial, Prior};
 /// Settings of the simulated scenes.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct StockSettings {
-    /// Number of groups that photographs are drawn from at a time.
+    /// Number of groups from which photographs are drawn at a time.
     pub groups: usize,
     /// Number of views of captured lights in each group.
     pub views: usize,
     /// Number of materials in each group.
     pub draws: usize,
-    /// Standard deviation of the angle at which cameras look up or down, in degrees.
+    /// Standard deviation of the angle by which cameras are tilted up or down, in degrees.
     pub tilt: f64,
     /// Seed of all random numbers.
     pub seed: u64,
@@ -64,10 +65,10 @@ impl Default for StockSettings {
     }
 }
 
-/// Scenes to draw photographs from.
+/// Scenes from which photographs are drawn.
 ///
-/// The scenes of the default settings take 0.9 GB. A training replaces one group after the other
-/// ([`Self::hold`]), so that memory does not depend on the number of scenes it sees.
+/// The scenes of the default settings take 0.9 GB. Training replaces one group after the other
+/// ([`Self::hold`]), so memory does not depend on the number of scenes in a training run.
 pub struct Stock {
     dictionary: Dictionary,
     lights: Vec<EnvironmentMap>,
@@ -78,32 +79,32 @@ pub struct Stock {
     groups: VecDeque<Group>,
 }
 
-/// Materials, each in front of some cameras in some lights.
+/// Materials, and their scenes in some views of lights.
 struct Group {
     materials: Vec<DrawnMaterial>,
-    /// Their coordinates.
+    /// Coordinates of each material.
     places: Vec<Vec<f64>>,
     /// Scenes of the materials in each view.
     views: Vec<Vec<Packed>>,
 }
 
-/// Share of the photographs that are of a mixture of two drawn materials.
+/// Share of the photographs that show a mixture of two drawn materials.
 const MIXED: f64 = 0.5;
 
-/// Shares of the photographs that are lit by one to four views.
+/// Shares of the photographs with one, two, three and four views.
 const SUMMED: [f64; 4] = [0.35, 0.3, 0.2, 0.15];
 
 /// Range of the standard deviations of the logarithms of the weights of summed views.
 const WEIGHTS: (f64, f64) = (0.3, 2.0);
 
-/// Range of the powers of the radiance by which the contrast of half of the lights is changed.
+/// Range of the exponents of the radiance that change the contrast of half of the lights.
 const CONTRASTS: (f64, f64) = (0.75, 1.3);
 
 /// A photograph and its ground truth.
 pub struct Photograph {
     /// Image of the photograph.
     pub image: DiskImage,
-    /// Coordinates of the material in those of the dictionary.
+    /// Position of the material in the coordinates of the dictionary.
     pub place: Vec<f64>,
 }
 
@@ -111,7 +112,7 @@ impl Stock {
     /// Builds a stock without scenes.
     ///
     /// # Panics
-    /// If there are no lights, or a number of the settings is zero.
+    /// If there are no lights, or if `groups`, `views` or `draws` is zero.
     pub fn new(dictionary: Dictionary, lights: Vec<EnvironmentMap>, settings: StockSettings) -> Self {
         assert!(!lights.is_empty() && settings.groups * settings.views * settings.draws > 0);
         let renderer = SceneRenderer::new();
@@ -123,14 +124,15 @@ impl Stock {
         &self.dictionary
     }
 
-    /// Returns the number of scenes that it contains.
+    /// Returns the number of scenes in the stock.
     pub fn scenes(&self) -> usize {
         self.groups.iter().map(|group| group.views.len() * group.materials.len()).sum()
     }
 
-    /// Renders the groups from number `first` on, as many as the settings state, and drops all
-    /// others. Groups that it already contains are kept. A group depends on the settings, the
-    /// lights and its number alone.
+    /// Renders the number of groups in the settings from number `first` on, and drops all others.
+    ///
+    /// Groups that are already in the stock are kept. A group depends only on the settings, the
+    /// lights and its number.
     pub fn hold(&mut self, first: u64) {
         let held = self.groups.len() as u64;
         if first < self.first || first >= self.first + held {
@@ -165,8 +167,9 @@ impl Stock {
         Group { materials, places, views }
     }
 
-    /// Returns one of an unlimited number of photographs, the same for the same number and groups:
-    /// of one of the materials or of a mixture of two, in the sum of some views.
+    /// Returns a photograph of one material or of a mixture of two, in the sum of some views.
+    ///
+    /// The number of photographs is unlimited. The same number and groups give the same photograph.
     ///
     /// # Panics
     /// If there are no scenes.
@@ -181,7 +184,7 @@ impl Stock {
             for (at, share) in pick.parts() {
                 scenes[at].add_to(share, &mut one);
             }
-            // Views contribute by their weights, however bright their lights are.
+            // Views contribute by their weights, independent of the brightness of their lights.
             let scale = weight / disk::mean(&one.values).max(1e-30);
             one.add_turned(way, scale, &mut scene);
             if camera.foreign > 0.0 {
@@ -193,8 +196,10 @@ impl Stock {
         Photograph { image: camera.photograph(&scene, &other, &mut rng), place: self.place_of(&pick) }
     }
 
-    /// Returns the coordinates of a material of photographs, drawn from the prior: one of an
-    /// unlimited number, the same for the same number, whatever the groups.
+    /// Draws the coordinates of a material from the distribution of the materials of photographs.
+    ///
+    /// The number of materials is unlimited. The same number gives the same material, independent
+    /// of the groups.
     pub fn place(&self, number: u64) -> Vec<f64> {
         let mut rng = self.generator(number);
         let mut draw = || self.dictionary.table(&self.dictionary.draw(&self.settings.prior, &mut rng));
@@ -259,7 +264,7 @@ struct Pick<'a> {
     foreign: usize,
     /// Share of the first material.
     share: f32,
-    /// View, its weight, and the symmetry of the square by which it is turned.
+    /// Views, each with its weight and the symmetry of the square that turns it.
     views: Vec<(usize, f32, usize)>,
 }
 
@@ -271,7 +276,8 @@ impl Pick<'_> {
 }
 
 impl Scene {
-    /// Adds the scene to another, turned by one of the eight symmetries of the square and scaled.
+    /// Adds the scene, scaled and turned by one of the eight symmetries of the square, to another.
+    ///
     /// Details of different lights are independent: their squares add.
     fn add_turned(&self, way: usize, scale: f32, to: &mut Self) {
         let last = SIDE - 1;
@@ -287,7 +293,7 @@ impl Scene {
     }
 }
 
-/// Builds a random generator for photographs by a camera without a stock.
+/// Builds a random generator for photographs that a [`Camera`] takes without a stock.
 pub fn generator(seed: u64) -> impl Rng {
     Pcg64::seed_from_u64(seed)
 }

@@ -12,12 +12,12 @@ use glam::Vec3;
 /// Number of symmetries, and of normals that are processed together.
 pub(super) const WAYS: usize = 8;
 
-/// One number for each of the symmetries, in vector instructions.
+/// One number for each symmetry, for vector instructions.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[repr(align(32))]
 pub(super) struct Eight(pub(super) [f32; WAYS]);
 
-/// Combines two values way by way, in a loop that the compiler turns into one instruction.
+/// Implements an operator element by element, in a loop that compiles to one vector instruction.
 macro_rules! by_ways {
     ($trait:ident, $method:ident, $assign:tt) => {
         impl $trait for Eight {
@@ -56,7 +56,7 @@ impl From<[f32; WAYS]> for Eight {
 }
 
 impl Eight {
-    /// Adds a share of the values to others.
+    /// Adds the values, multiplied by `share`, to `others`.
     #[inline(always)]
     pub(super) fn add_to(self, share: f32, others: &mut [f32; WAYS]) {
         for (other, own) in others.iter_mut().zip(self.0) {
@@ -72,29 +72,30 @@ pub(super) fn image(way: usize, (x, y): (f32, f32)) -> (f32, f32) {
     (if way & 1 == 0 { x } else { -x }, if way & 2 == 0 { y } else { -y })
 }
 
-/// Returns column and row of the image of a texel of an octahedral square (row 0 at the top), whose
-/// last column and row have this index.
+/// Returns column and row of the image of a texel of an octahedral square.
+///
+/// Row 0 is at the top; `last` is the index of the last column and row.
 pub(super) fn image_of_texel(way: usize, last: usize, (column, row): (usize, usize)) -> (usize, usize) {
     let (column, row) = if way & 4 == 0 { (column, row) } else { (last - row, last - column) };
     (if way & 1 == 0 { column } else { last - column }, if way & 2 == 0 { row } else { last - row })
 }
 
-/// Normals in groups of eight that are images of each other, by their angle to the view.
+/// Groups of eight normals that are images of each other, sorted by their angle to the view.
 #[derive(Clone, Debug)]
 pub(super) struct Orbits {
     /// One normal of each group, with `x >= y > 0`.
     pub(super) normals: Vec<Vec3>,
-    /// Indices of its images among all normals.
+    /// Indices of the images of each of these normals among all normals.
     pub(super) places: Vec<[usize; WAYS]>,
     /// Number of all normals.
     pub(super) count: usize,
 }
 
 impl Orbits {
-    /// Groups normals.
+    /// Groups normals into orbits.
     ///
     /// # Panics
-    /// If the images of a normal are not among them, or one has an `x` or `y` of zero.
+    /// If `normals` lacks an image of a normal, or if a normal has an `x` or `y` of zero.
     pub(super) fn of(normals: &[Vec3]) -> Self {
         let key = |(x, y): (f32, f32)| (x.to_bits(), y.to_bits());
         let found: HashMap<(u32, u32), usize> = normals.iter().enumerate().map(|(i, n)| (key((n.x, n.y)), i)).collect();
@@ -115,7 +116,7 @@ mod tests {
     use crate::appearance::disk::{SIDE, normal, on_disk};
 
     #[test]
-    fn orbits_of_the_disk_hold_every_normal() {
+    fn orbits_of_the_disk_contain_every_normal() {
         let normals: Vec<Vec3> = (0..SIDE * SIDE).filter(|&c| on_disk(c)).map(normal).collect();
         let orbits = Orbits::of(&normals);
         let mut seen = vec![false; normals.len()];

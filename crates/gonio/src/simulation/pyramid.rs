@@ -9,19 +9,20 @@ use crate::render::pyramid::{LampRule, Pyramid, on_square};
 /// Samples along each side of a texel of the finest level.
 const SAMPLES: usize = 2;
 
-/// Texels that are lamps.
+/// Rule that selects the texels to be treated as lamps.
 const LAMPS: LampRule = LampRule { bright: 12.0, most: 1500 };
 
 /// Luminance over all directions, prefiltered, with its images under the symmetries of the disk.
 #[derive(Clone, Debug)]
 pub struct LightPyramid {
     pub(super) images: Pyramid<Eight>,
-    /// Direction and irradiance, on a surface that faces it, of each bright texel.
+    /// Direction of each bright texel, and its irradiance on a surface that faces it.
     pub(super) lamps: Vec<(Vec3, f32)>,
 }
 
 impl LightPyramid {
-    /// Texels along a side of the finest level: 0.8 degrees each, about what captured maps resolve.
+    /// Texels along a side of the finest level: 0.8 degrees each, about the resolution of captured
+    /// maps.
     pub const SIDE: usize = 256;
 
     /// Builds the pyramid from the luminance by direction.
@@ -61,7 +62,7 @@ mod tests {
     use crate::sphere::fibonacci_hemisphere;
 
     #[test]
-    fn a_number_is_its_whole_part_and_its_rest() {
+    fn a_number_is_the_sum_of_its_whole_part_and_its_rest() {
         for i in 0..6000 {
             let x = i as f32 * 0.037;
             let (whole, rest) = whole(x);
@@ -70,7 +71,7 @@ mod tests {
     }
 
     #[test]
-    fn images_are_the_light_at_turned_directions() {
+    fn images_contain_the_light_of_symmetric_directions() {
         use super::super::orbit::image;
         use crate::render::pyramid::{Part, Place, half_side};
         let light = LightPyramid::new(|d| 2.0 + d.y + 0.3 * d.x + 0.5 * d.x * d.z);

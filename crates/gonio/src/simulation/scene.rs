@@ -10,7 +10,7 @@ use crate::appearance::detail::details;
 use crate::appearance::disk::{self, SIDE, on_disk};
 use crate::reflectance::BivariateTable;
 
-/// Content of a photograph without any fault. Both fields are zero off the disk.
+/// Ideal image of a ball, without camera effects. Both fields are zero off the disk.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scene {
     /// Mean luminance of each cell.
@@ -27,7 +27,7 @@ pub struct SceneRenderer {
     cells: Vec<usize>,
     /// Normals at the middles of the cells.
     middles: Orbits,
-    /// Normals at the middles of their quarters, four to a cell.
+    /// Normals at the middles of the quarters of the cells, four per cell.
     quarters: Orbits,
 }
 
@@ -63,20 +63,20 @@ impl SceneRenderer {
             quarters[cell] = *near;
             values[cell] = far + 0.25 * near.iter().sum::<f32>();
         }
-        // The plane is fitted to the near part, as the far part has no detail to compare.
+        // The plane is fitted to the near part, because the far part has no detail.
         let sharp: Vec<f32> = quarters.iter().map(|q| 0.25 * q.iter().sum::<f32>()).collect();
         let details = details(&sharp, &vec![1.0; SIDE * SIDE], |cell| Some(quarters[cell]));
         Scene { values, details: details.into_iter().map(|d| d.unwrap_or(0.0)).collect() }
     }
 }
 
-/// A scene in three bytes per cell: logarithms of values to 0.04 %, and of details to 3 %.
+/// Scene in three bytes per cell: logarithms of values to 0.04 %, and of details to 3 %.
 #[derive(Clone, Debug)]
 pub(super) struct Packed {
     /// Logarithm of the largest value.
     top: f32,
     values: Vec<u16>,
-    /// Logarithm of the detail over the value; zero if there is almost none.
+    /// Encoded logarithm of the ratio of detail to value; zero if the detail is negligible.
     details: Vec<u8>,
 }
 
@@ -125,7 +125,7 @@ impl Scene {
 mod tests {
     use super::*;
 
-    /// A lamp of a degree and a half, on grey.
+    /// Lamp 1.5 degrees across on a grey background.
     fn lamp() -> LightPyramid {
         let lamp = glam::DVec3::new(0.3, 0.2, 0.9).normalize();
         LightPyramid::new(move |d| if d.angle_between(lamp) < 0.013 { 5000.0 } else { 1.0 })
@@ -145,7 +145,7 @@ mod tests {
     }
 
     #[test]
-    fn a_packed_scene_is_the_scene() {
+    fn packing_preserves_a_scene() {
         let scene = SceneRenderer::new().render(&[shiny(0.01)], &lamp()).swap_remove(0);
         let packed = Packed::of(&scene);
         let mut back = Scene::black();

@@ -18,7 +18,7 @@ fn unrendered() -> Stock {
 }
 
 #[test]
-fn groups_depend_on_their_number_alone() {
+fn groups_depend_only_on_their_number() {
     let mut moved = stock();
     moved.hold(0);
     assert_eq!(moved.scenes(), 3);
@@ -36,7 +36,7 @@ fn groups_depend_on_their_number_alone() {
 }
 
 #[test]
-fn photographs_sum_as_many_views_as_stated() {
+fn photographs_sum_views_in_the_stated_shares() {
     let stock = unrendered();
     let mut counts = [0.0; 4];
     let mut mixed = 0.0;
@@ -52,13 +52,13 @@ fn photographs_sum_as_many_views_as_stated() {
 }
 
 #[test]
-fn summed_scenes_are_turned_and_their_details_independent() {
+fn summed_scenes_are_turned_and_squares_of_details_add() {
     let spot = (SIDE / 2 + 5, SIDE / 2 - 9);
     let mut scene = Scene::black();
     let (value, detail) = (2.0, 0.3);
     (scene.values[spot.1 * SIDE + spot.0], scene.details[spot.1 * SIDE + spot.0]) = (value, detail);
     let last = SIDE - 1;
-    // Where the spot appears for each way of turning.
+    // Places of the spot under the first four symmetries.
     let places = [spot, (last - spot.0, spot.1), (spot.0, last - spot.1), (last - spot.0, last - spot.1)];
     for way in 0..8 {
         let mut sum = Scene::black();

@@ -1,4 +1,4 @@
-//! Components of a dictionary, of which its entries are mixtures.
+//! Components of a dictionary. The entries of the dictionary are mixtures of them.
 
 use rand::{RngExt, SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
@@ -15,22 +15,23 @@ pub(super) const WARPS: [f64; 4] = [0.5, 0.707, 1.414, 2.0];
 /// Number of materials bred for each measured one.
 pub(super) const LITTER: usize = 8;
 
-/// Standard deviation of the step of a bred material away from the line between its parents, in
-/// units of the difference of two more materials: bred materials then vary as much as the measured
-/// ones.
+/// Standard deviation of the step of a bred material away from the line between its parents.
+///
+/// The unit is the difference between two other materials. With this value, bred materials vary as
+/// much as the measured ones.
 const STEP: f64 = 0.4;
 
-/// Largest step.
+/// Largest step, in the same unit.
 const LONGEST_STEP: f64 = 0.8;
 
-/// Widths of the analytic lobes; the widths between are mixtures of neighbours.
+/// Widths of the analytic lobes; mixtures of neighbouring lobes give the widths between them.
 pub(super) const ALPHAS: [f64; 15] =
     [0.006, 0.009, 0.0135, 0.02, 0.03, 0.045, 0.065, 0.09, 0.13, 0.18, 0.25, 0.35, 0.5, 0.7, 1.0];
 
 /// Tails of the analytic lobes (see [`lobes`]).
 pub(super) const TAILS: [f64; 4] = [1.5, 2.0, 3.0, 6.0];
 
-/// Number of diffuse components: Lambert, Burley of three roughnesses, below a surface.
+/// Number of diffuse components: Lambert, Burley at three roughnesses, a base below a surface.
 pub(super) const DIFFUSE: usize = 5;
 
 /// Widths of the sheen of cloth.
@@ -64,14 +65,15 @@ impl Layout {
         self.diffuse(DIFFUSE) + width
     }
 
-    /// Index of a lobe with `full` reflectance along the normal or none.
+    /// Index of a lobe, whose reflectance along the normal is one if `full`, else zero.
     pub(super) fn lobe(self, width: usize, tail: usize, full: bool) -> usize {
         self.sheen(SHEENS.len()) + 2 * (width * TAILS.len() + tail) + usize::from(full)
     }
 }
 
-/// All components in the order of [`Layout`], each scaled to albedo one along the normal, and their
-/// albedos before scaling.
+/// Returns all components in the order of [`Layout`], and their albedos before scaling.
+///
+/// Each component is scaled to albedo one along the normal.
 pub(super) fn components(measured: &LogBasis) -> (Vec<BivariateTable>, Vec<f64>) {
     let own: Vec<BivariateTable> = (0..measured.len()).into_par_iter().map(|m| measured.table(m)).collect();
     let warped = own.par_iter().flat_map_iter(|table| WARPS.iter().map(move |&factor| warp(table, factor)));
@@ -92,10 +94,12 @@ pub(super) fn components(measured: &LogBasis) -> (Vec<BivariateTable>, Vec<f64>)
     (all, albedos)
 }
 
-/// Coefficients of a material near the line between two measured ones: a mixture of their
-/// logarithms, plus a multiple of the difference of two more (differential evolution; Storn and
-/// Price 1997). New materials differ from every measured one in the same ways as these differ from
-/// each other.
+/// Draws the coefficients of a material near the line between two measured ones.
+///
+/// Its logarithm is a mixture of the logarithms of two materials, plus a multiple of the difference
+/// between two others (differential evolution; Storn and Price 1997). Bred materials therefore
+/// differ from each measured material in the ways in which measured materials differ from each
+/// other.
 fn breed(measured: &LogBasis, rng: &mut Pcg64) -> Vec<f64> {
     let mut parent = || &measured.coefficients[rng.random_range(0..measured.len())];
     let [one, two, from, to] = [parent(), parent(), parent(), parent()];
@@ -109,10 +113,11 @@ fn breed(measured: &LogBasis, rng: &mut Pcg64) -> Vec<f64> {
     (0..measured.axes.len()).map(child).collect()
 }
 
-/// Table with highlights `factor` times as wide: tangents of half angles are stretched, so that the
-/// horizon stays where it is.
+/// Returns a table with highlights `factor` times as wide.
+///
+/// The tangents of the half angles are stretched, so the horizon does not move.
 fn warp(table: &BivariateTable, factor: f64) -> BivariateTable {
-    // A row shares one angle; computing it once matters, since hundreds of tables are made.
+    // Each row has one angle, which is computed only once, because hundreds of tables are built.
     let rows: Vec<f64> = (0..THETA_H).map(|i| (theta_h_of(i).tan() / factor).atan()).collect();
     let cell = |c: usize| table.eval(rows[c / THETA_D], theta_d_of(c % THETA_D)) as f32;
     BivariateTable::from_vec((0..CELLS).map(cell).collect())
@@ -123,7 +128,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn components_are_where_the_layout_says() {
+    fn components_are_at_the_indices_of_the_layout() {
         let lobe = |w: f64| BivariateTable::from_fn(move |h, d| 0.05 + (1.0 + d) * (-(h / w).powi(2)).exp());
         let set: Vec<(String, BivariateTable)> = [0.1, 0.3].map(|w| (w.to_string(), lobe(w))).into();
         let basis = LogBasis::fit(&set, 5);
@@ -149,7 +154,7 @@ mod tests {
     }
 
     #[test]
-    fn bred_materials_vary_as_the_measured_do() {
+    fn bred_materials_vary_as_much_as_measured_materials() {
         let widths = (0..20).map(|i| 0.03 * 1.2_f64.powi(i));
         let set: Vec<_> = widths.map(|w| (w.to_string(), crate::testing::lobe(0.02, 1.0 / w, w))).collect();
         let basis = LogBasis::fit(&set, 10);
@@ -168,7 +173,7 @@ mod tests {
     }
 
     #[test]
-    fn warps_widen_the_highlight_and_nothing_else() {
+    fn warps_widen_only_the_highlight() {
         let table = BivariateTable::from_fn(|h, d| 0.1 + d + (-(h.tan() / 0.1).powi(2)).exp());
         let wide = warp(&table, 2.0);
         let want = BivariateTable::from_fn(|h, d| 0.1 + d + (-(h.tan() / 0.2).powi(2)).exp());

@@ -1,9 +1,10 @@
 //! Smooth random factors over the two angles, by which drawn materials differ from mixtures.
 //!
-//! Reconstructed tables and formulas lie on a family of few dimensions; real measurements do not.
-//! The four RGL files of the project differ from sixteen axes fitted to 141 reconstructed materials
-//! by 0.2 to 0.5 in the logarithm, correlated over about 6 rows and 10 columns of the table, and
-//! their bodies brighten or darken towards grazing half angles by up to a factor of six.
+//! Reconstructed tables and formulas span few dimensions; real measurements do not. Fits of sixteen
+//! axes of 141 reconstructed materials to the project's four RGL files leave errors of 0.2 to 0.5
+//! in the logarithm. These errors are correlated over about 6 rows and 10 columns of the table. The
+//! bodies of the RGL materials brighten or darken towards grazing half angles by up to a factor of
+//! six.
 
 use std::sync::LazyLock;
 
@@ -21,7 +22,7 @@ const KNOTS: [(usize, usize); 2] = [(7, 5), (17, 11)];
 /// difference angle of zero.
 const DEVIATIONS: [[f64; 5]; 2] = [[0.15, 0.18, 0.25, 0.4, 0.6], [0.15, 0.15, 0.15, 0.18, 0.22]];
 
-/// Half angles in degrees at which [`DEVIATIONS`] hold; linear between them.
+/// Half angles in degrees at which [`DEVIATIONS`] are given; deviations are linear between them.
 const HALF_ANGLES: [f64; 5] = [0.0, 8.0, 20.0, 45.0, 80.0];
 
 /// Growth of the deviation from a difference angle of 0 to 90 degrees, quadratic in the angle.
@@ -70,7 +71,7 @@ impl MaterialField {
     }
 }
 
-/// Fixed part of all fields.
+/// Quantities that all fields share.
 struct Shape {
     parts: [Part; 2],
     /// Share of the slope at each row.
@@ -87,7 +88,7 @@ static SHAPE: LazyLock<Shape> = LazyLock::new(|| {
 struct Part {
     /// First knot and the weights of four knots for each row.
     rows: Vec<(usize, [f32; 4])>,
-    /// The same for each column.
+    /// First knot and the weights of four knots for each column.
     columns: Vec<(usize, [f32; 4])>,
     /// Standard deviation of each cell.
     deviations: Vec<f32>,
@@ -175,7 +176,7 @@ mod tests {
             let got = mean(&|l| f64::from(l[cell]).powi(2));
             assert!((got / want - 1.0).abs() < 0.1, "{row} {column}: {got} {want}");
         }
-        // Neighbours hardly differ, and cells far from each other are unrelated.
+        // Neighbouring cells are strongly correlated, distant cells nearly uncorrelated.
         let (here, next, far) = (40 * THETA_D + 40, 41 * THETA_D + 41, 5 * THETA_D + 5);
         let product = |a: usize, b: usize| mean(&|l| f64::from(l[a]) * f64::from(l[b]));
         let correlation = |a, b| product(a, b) / (product(a, a) * product(b, b)).sqrt();

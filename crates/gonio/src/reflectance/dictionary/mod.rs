@@ -1,11 +1,13 @@
 //! Prior of materials: measured ones, analytic ones, and interpolations between them.
 //!
-//! A hundred measured materials are samples of `p(F)`, too few to represent every paint. Measured
-//! materials with narrower or wider highlights, sums of two of them or of one and a diffuse
-//! reflector or a coat, and formulas of dielectrics, metals and cloth fill the space between and
-//! around them ([`Kind`]). Everything is a non-negative mixture of a few hundred *components*, so
-//! that a handful of numbers describes a material, times a smooth random [`MaterialField`], since
-//! no real material is exactly such a mixture.
+//! A hundred measured materials are samples of `p(F)`, too few to represent every paint. Other
+//! kinds of materials ([`Kind`]) fill the space between and around them. Some modify or combine
+//! measured materials: narrower or wider highlights, interpolations, and sums of two materials or
+//! of one and a diffuse reflector or a coat. Others are formulas of dielectrics, metals and cloth.
+//!
+//! Every material is a non-negative mixture of a fixed set of *components*, so a few numbers
+//! describe it. A smooth random [`MaterialField`] multiplies most mixtures, since no real material
+//! is exactly such a mixture.
 
 mod components;
 mod field;
@@ -26,7 +28,7 @@ pub use prior::{Kind, Prior};
 /// Floor of the logarithm in [`Coordinates`], relative to the median of a table.
 const FLOOR: f64 = 1e-3;
 
-/// Weights, positive with sum one, of components of albedo one.
+/// Components of albedo one, with weights that are positive and sum to one.
 pub type Mixture = Vec<(usize, f64)>;
 
 /// A material of the prior.
@@ -34,7 +36,7 @@ pub type Mixture = Vec<(usize, f64)>;
 pub struct DrawnMaterial {
     /// Components and their weights.
     pub mixture: Mixture,
-    /// Factor of each cell of the mixture's table; `None` for one everywhere.
+    /// Factor of each cell of the mixture's table; `None` means a factor of one everywhere.
     pub field: Option<MaterialField>,
 }
 
@@ -87,7 +89,7 @@ impl Default for DictionarySettings {
 }
 
 impl Coordinates {
-    /// Coordinates of a table; its scale does not matter.
+    /// Computes the coordinates of a table, which do not depend on its scale.
     pub fn of(&self, table: &BivariateTable) -> Vec<f64> {
         let log = relative_log(table);
         let axis = |axis: &Vec<f32>| {
@@ -97,7 +99,8 @@ impl Coordinates {
         self.axes.iter().map(axis).collect()
     }
 
-    /// Change of the logarithm per unit of each coordinate: the axis times the variance along it.
+    /// Returns the change of the logarithm per unit of each coordinate: the axis times the variance
+    /// along it.
     pub(crate) fn directions(&self) -> Vec<Vec<f32>> {
         let scaled = |axis: &Vec<f32>| {
             let square = axis.iter().map(|a| f64::from(*a).powi(2)).sum::<f64>().max(1e-300);
@@ -106,9 +109,10 @@ impl Coordinates {
         self.axes.iter().map(scaled).collect()
     }
 
-    /// Tables at some places, each with an arbitrary scale: `exp(mean + sum_k z_k a_k)`, with `a_k`
-    /// the axis times the variance along it. Cells beyond the trusted ones have the value of the
-    /// nearest trusted cell.
+    /// Computes the tables at some places, each with an arbitrary scale.
+    ///
+    /// A table is `exp(mean + sum_k z_k a_k)`, with `a_k` the axis times the variance along it.
+    /// Cells beyond the trusted ones have the value of the nearest trusted cell.
     ///
     /// # Panics
     /// If a place does not have a number for each axis.
@@ -129,7 +133,8 @@ impl Coordinates {
     }
 }
 
-/// Logarithm of a table above its floor, with mean zero over the trusted cells; zero elsewhere.
+/// Computes the logarithm of a table above its floor, with mean zero over the trusted cells; zero
+/// elsewhere.
 pub(crate) fn relative_log(table: &BivariateTable) -> Vec<f64> {
     let values = table.as_slice();
     let mut kept: Vec<f32> = trusted_cells().map(|c| values[c]).collect();
@@ -146,7 +151,7 @@ pub(crate) fn relative_log(table: &BivariateTable) -> Vec<f64> {
 }
 
 impl Dictionary {
-    /// Builds a dictionary from measured materials. Deterministic for a seed.
+    /// Builds a dictionary from measured materials. The same seed gives the same dictionary.
     ///
     /// # Panics
     /// If there are no materials.
@@ -185,7 +190,8 @@ impl Dictionary {
         }
     }
 
-    /// Returns the table of a material, of albedo one along the normal before its field.
+    /// Returns the table of a material. Without its field, the table has albedo one along the
+    /// normal.
     pub fn table(&self, material: &DrawnMaterial) -> BivariateTable {
         let mut sum = vec![0.0_f32; CELLS];
         for &(component, weight) in &material.mixture {
@@ -214,7 +220,7 @@ mod tests {
     }
 
     #[test]
-    fn a_full_basis_holds_its_materials() {
+    fn a_full_basis_reproduces_its_materials() {
         let set = [0.1, 0.3, 0.9].map(|w| (w.to_string(), crate::testing::lobe(0.05, 1.0, w)));
         let basis = LogBasis::fit(&set, 9);
         assert_eq!((basis.len(), basis.axes.len()), (3, 2));
@@ -223,7 +229,7 @@ mod tests {
                 assert!((basis.table(m).as_slice()[c] / table.as_slice()[c] - 1.0).abs() < 1e-4);
             }
         }
-        // Fewer axes, larger error, but no bias of the mean.
+        // The basis has no more axes than requested.
         assert_eq!(LogBasis::fit(&set, 1).axes.len(), 1);
     }
 
@@ -248,7 +254,7 @@ mod tests {
     }
 
     #[test]
-    fn places_are_those_of_their_tables() {
+    fn tables_have_the_coordinates_of_their_places() {
         // Six axes cannot express the fields.
         let prior = Prior { fields: 0.0, ..Prior::default() };
         let settings = DictionarySettings { draws: 40, dimensions: 6, prior, ..Default::default() };
@@ -269,7 +275,7 @@ mod tests {
     }
 
     #[test]
-    fn scale_is_not_a_coordinate() {
+    fn coordinates_do_not_depend_on_the_scale() {
         let dictionary = Dictionary::new(measured(), &DictionarySettings { draws: 20, ..Default::default() });
         let table = dictionary.table(&dictionary.entries[7]);
         let bright = table.scaled(50.0);

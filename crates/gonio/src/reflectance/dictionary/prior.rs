@@ -64,8 +64,10 @@ pub struct Prior {
 }
 
 impl Default for Prior {
-    /// Shares chosen by leaving out materials, lights and whole kinds. Few draws are unchanged
-    /// measured materials, which an encoder would memorise (`docs/trials.md`).
+    /// Returns shares that were chosen in tests with left-out materials, lights and kinds.
+    ///
+    /// Few draws are unchanged measured materials, which an encoder would memorise
+    /// (`docs/trials.md`).
     fn default() -> Self {
         let shares = [0.05, 0.07, 0.2, 0.12, 0.08, 0.08, 0.1, 0.07, 0.05, 0.12, 0.06];
         Self { shares, fields: 0.85 }
@@ -73,7 +75,7 @@ impl Default for Prior {
 }
 
 impl Prior {
-    /// Prior of these kinds alone, in the proportions of the default.
+    /// Returns the prior of only these kinds, in the proportions of the default.
     pub fn of(kinds: &[Kind]) -> Self {
         let mut prior = Self::default();
         for (share, kind) in prior.shares.iter_mut().zip(Kind::ALL) {
@@ -92,7 +94,7 @@ impl Prior {
             }
             at -= share;
         }
-        // Because of round-off: the last kind with a positive share.
+        // Round-off may leave `at` above all shares: use the last kind with a positive share.
         let last = self.shares.iter().rposition(|s| *s > 0.0);
         Kind::ALL[last.unwrap_or(0)]
     }
@@ -111,7 +113,7 @@ impl Dictionary {
     }
 }
 
-/// State of a draw, whose weights are albedos.
+/// State of a draw. The weights of its parts are albedos.
 struct Draw<'a> {
     layout: Layout,
     albedos: &'a [f64],
@@ -205,8 +207,8 @@ impl Draw<'_> {
         parts.extend([(component(at as usize), 1.0 - at.fract()), (component(at as usize + 1), at.fract())]);
     }
 
-    /// Adds two kinds of diffuse reflection in any proportion, in half of the cases Lambert's
-    /// alone.
+    /// Adds diffuse reflection: Lambert's alone in half of the cases, else two kinds in any
+    /// proportion.
     fn diffuse(&mut self, albedo: f64, parts: &mut Mixture) {
         if self.rng.random_range(0..2) == 0 {
             parts.push((self.layout.diffuse(0), albedo));
@@ -218,8 +220,10 @@ impl Draw<'_> {
         }
     }
 
-    /// Adds a lobe, in three of ten cases with a wider one as well. `f0`: range of the reflectance
-    /// along the normal; `widths`: range of the position in [`ALPHAS`].
+    /// Adds a lobe and, in three of ten cases, a wider one as well.
+    ///
+    /// `f0` is the range of the reflectance along the normal, `widths` that of the position in
+    /// [`ALPHAS`].
     fn lobes(&mut self, f0: (f64, f64), widths: (f64, f64), parts: &mut Mixture) {
         let f0 = self.between(f0.0, f0.1);
         let width = self.between(widths.0, widths.1);
@@ -260,7 +264,7 @@ mod tests {
     }
 
     #[test]
-    fn kinds_come_as_often_as_they_should_and_are_what_they_say() {
+    fn kinds_occur_in_their_shares_and_have_their_components() {
         let dictionary = dictionary();
         let layout = dictionary.layout();
         let mut rng = Pcg64::seed_from_u64(3);
@@ -290,7 +294,7 @@ mod tests {
     }
 
     #[test]
-    fn lobes_have_their_own_reflectance_and_width() {
+    fn lobes_have_the_requested_reflectance_and_width() {
         // Mixtures of the lobes of full and of no reflectance give the lobe of any reflectance,
         // since Schlick's formula is linear in it.
         let dictionary = dictionary();

@@ -3,9 +3,11 @@
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
-/// Materials with their embeddings. The dot product of the embeddings of an image and of a material
-/// is the logarithm of `p(I | F) / p(I)` up to a constant of the image: how much likelier the image
-/// is with this material than with any.
+/// Materials with their embeddings.
+///
+/// The dot product of the embeddings of an image and of a material is the logarithm of `p(I | F) /
+/// p(I)`, up to a constant of the image. This ratio compares the likelihood of the image given the
+/// material with its mean over all materials.
 ///
 /// For materials drawn from the prior, the exponentials of these products are therefore the weights
 /// of the posterior (eq. 3 with the sum over materials in place of the integral).
@@ -18,7 +20,7 @@ pub struct Candidates {
 }
 
 impl Candidates {
-    /// Weights of the materials for the embedding of an image; their sum is one.
+    /// Computes the weights of the materials for the embedding of an image; their sum is one.
     ///
     /// # Panics
     /// If there are no materials, or the embeddings differ in length.
@@ -35,9 +37,10 @@ impl Candidates {
         weights.into_iter().map(|w| w / total).collect()
     }
 
-    /// Draws `count` materials by these weights and returns their indices in rising order. Each
-    /// occurs in proportion to its weight, to within less than one (systematic resampling). The
-    /// same seed gives the same draws.
+    /// Draws `count` materials by these weights and returns their indices in ascending order.
+    ///
+    /// Each material occurs in proportion to its weight, to within less than one (systematic
+    /// resampling). The same seed gives the same draws.
     pub(super) fn draw(weights: &[f64], count: usize, seed: u64) -> Vec<usize> {
         let start: f64 = Pcg64::seed_from_u64(seed).random_range(0.0..1.0);
         let (mut drawn, mut below) = (Vec::with_capacity(count), 0.0);
@@ -47,7 +50,7 @@ impl Candidates {
                 drawn.push(at);
             }
         }
-        // Round-off may leave the sum a little short.
+        // Round-off may leave the sum of the weights slightly below one.
         let last = weights.iter().rposition(|w| *w > 0.0).unwrap_or(0);
         drawn.resize(count, last);
         drawn
@@ -66,12 +69,12 @@ mod tests {
         for (got, want) in weights.iter().zip([3.0, 6.0, 1.0 / 3.0]) {
             assert!((got - want / (9.0 + 1.0 / 3.0)).abs() < 1e-6, "{weights:?}");
         }
-        // Far beyond the range of an exponential.
+        // The exponential of this product overflows.
         assert_eq!(candidates.weights(&[3000.0, 0.0]), [1.0, 0.0, 0.0]);
     }
 
     #[test]
-    fn draws_are_as_many_as_their_shares_say() {
+    fn draws_occur_in_proportion_to_their_weights() {
         let weights = [0.1, 0.0, 0.55, 0.35];
         for seed in 0..20 {
             let drawn = Candidates::draw(&weights, 101, seed);

@@ -1,5 +1,6 @@
-//! Convolutions as products of matrices: neighbourhoods are gathered into rows, a tile of them at a
-//! time so that they stay in cache.
+//! Convolutions as products of matrices.
+//!
+//! Neighbourhoods are gathered into rows, one tile at a time, so that a tile stays in cache.
 //!
 //! Activations have their channels last, `[image][row][column][channel]`; weights are
 //! `[row][column][input][output]`, so that a gathered neighbourhood times the weights is a cell of
@@ -16,7 +17,7 @@ use crate::transfer::kernels::dispatch;
 const TILE: usize = 1 << 18;
 
 /// Geometry of a convolution of square images, padded with zeros by `(kernel - 1) / 2`. A dense
-/// layer is one of side and kernel 1.
+/// layer has side and kernel 1.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Convolution {
     /// Cells along a side of the input, a multiple of the stride.
@@ -27,7 +28,7 @@ pub struct Convolution {
     pub outputs: usize,
     /// Cells along a side of the window.
     pub kernel: usize,
-    /// Cells of the input from one window to the next.
+    /// Distance between neighbouring windows, in cells of the input.
     pub stride: usize,
 }
 
@@ -61,8 +62,8 @@ impl Convolution {
     /// `[image][side_after][side_after][outputs]`.
     ///
     /// # Panics
-    /// If the lengths are not those of the geometry and of a whole number of images;
-    /// [`Self::backward`] likewise.
+    /// If the lengths do not match the geometry and a whole number of images. [`Self::backward`]
+    /// panics under the same conditions.
     pub fn forward(&self, images: &[f32], weights: &[f32], out: &mut [f32]) {
         let count = self.check(images, weights, out);
         let weights = MatRef::from_row_major_slice(weights, self.neighbourhood(), self.outputs);
@@ -76,8 +77,9 @@ impl Convolution {
         }
     }
 
-    /// Adds the gradient in the weights, and if asked that in the images, for the gradient `back`
-    /// in the output.
+    /// Adds the gradient in the weights and, if `to_images` is given, that in the images.
+    ///
+    /// `back` is the gradient in the output.
     pub fn backward(
         &self,
         images: &[f32],
@@ -116,7 +118,7 @@ impl Convolution {
         count
     }
 
-    /// Ranges of lines of output cells, counted through all images, one for each tile.
+    /// Iterates over the tiles: ranges of lines of output cells, counted through all images.
     fn tiles(&self, count: usize) -> impl Iterator<Item = Range<usize>> + use<> {
         let (lines, tile) = (count * self.side_after(), self.lines_in_tile());
         (0..lines.div_ceil(tile)).map(move |t| t * tile..lines.min((t + 1) * tile))
@@ -136,9 +138,11 @@ impl Convolution {
         &mut out[lines.start * line..lines.end * line]
     }
 
-    /// Visits each row of the windows of the lines, with the index of its first number inside the
-    /// image, the index of that number in the neighbourhoods, and how many numbers are inside. Rows
-    /// of windows outside the image have none, and only the index in the neighbourhoods.
+    /// Calls `visit` for each row of the windows of the lines.
+    ///
+    /// The arguments describe the part of the row inside the image: its start in `images`, its
+    /// start in the neighbourhoods, and its length. For rows outside the image, the length is zero
+    /// and only the start in the neighbourhoods is valid.
     #[inline(always)]
     fn each_row(&self, lines: Range<usize>, mut visit: impl FnMut(usize, usize, usize)) {
         let (after, pad) = (self.side_after(), (self.kernel - 1) / 2);
@@ -175,7 +179,7 @@ impl Convolution {
         room
     }
 
-    /// Adds neighbourhoods back to the places they were gathered from.
+    /// Adds neighbourhoods to the places in the images from which they were gathered.
     #[inline(always)]
     fn scatter(&self, patches: &[f32], lines: Range<usize>, images: &mut [f32]) {
         self.each_row(lines, |source, patch, length| {
@@ -189,7 +193,7 @@ impl Convolution {
 /// accurate to about 2e-7.
 #[inline(always)]
 fn sigmoid(x: f32) -> f32 {
-    // One and a half times 2^23: adding it rounds to an integer, held in the lowest bits.
+    // 1.5 * 2^23: adding it rounds to an integer, which the lowest bits contain.
     const ROUND: f32 = 12_582_912.0;
     let t = (-x).clamp(-87.0, 87.0);
     let rounded = t * std::f32::consts::LOG2_E + ROUND;
@@ -208,7 +212,7 @@ pub fn silu(values: &mut [f32]) {
     dispatch(|| values.iter_mut().for_each(|x| *x *= sigmoid(*x)));
 }
 
-/// Replaces the inputs of [`silu`] by its slope there times a gradient.
+/// Replaces inputs of [`silu`] by its slope at these inputs times a gradient.
 ///
 /// # Panics
 /// If the two differ in length.
@@ -269,7 +273,7 @@ mod tests {
     /// The map is linear in images and in weights, so products with the gradients equal products
     /// with the output.
     #[test]
-    fn the_way_back_is_adjoint() {
+    fn backward_is_the_adjoint_of_forward() {
         let dot = |a: &[f32], b: &[f32]| -> f64 { a.iter().zip(b).map(|(a, b)| f64::from(a * b)).sum() };
         for c in geometries() {
             let images = wave(3 * c.input_len(), 0.37);
@@ -287,7 +291,7 @@ mod tests {
     }
 
     #[test]
-    fn silu_and_its_slope_are_right() {
+    fn silu_and_its_slope_match_their_formulas() {
         let values: Vec<f32> = (-4000..4000).map(|i| i as f32 * 0.03).collect();
         let (mut got, mut slope) = (values.clone(), values.clone());
         silu(&mut got);

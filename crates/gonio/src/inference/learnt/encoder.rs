@@ -1,11 +1,12 @@
-//! Network from an image of an object to outputs: convolutions, pooling over the disk of normals,
-//! dense layers.
+//! Network that maps an image of an object to outputs: convolutions, pooling over the disk of
+//! normals, dense layers.
 
 use super::convolution::silu;
 use super::encoder_shape::{EncoderError, EncoderShape, NamedLayer, Step};
 
-/// Cells of a square of `side` x `side` over -1..1 whose centres are inside the unit disk, row by
-/// row.
+/// Returns the cells, row by row, whose centres are inside the unit disk.
+///
+/// The cells are those of a square of `side` x `side` cells over -1..1.
 pub fn inside_disk(side: usize) -> Vec<usize> {
     let centre = |i: usize| (2 * i + 1) as f64 / side as f64 - 1.0;
     (0..side * side).filter(|at| centre(at % side).hypot(centre(at / side)) <= 1.0).collect()
@@ -15,9 +16,10 @@ pub fn inside_disk(side: usize) -> Vec<usize> {
 /// constant channel finite.
 pub(super) const LEAST_VARIANCE: f32 = 1e-3;
 
-/// Pools activations `[cell][channel]` over some cells: means of all channels, then their maxima,
-/// then halves of the logarithms of their variances plus 0.001, three times as many numbers as
-/// there are channels.
+/// Pools activations `[cell][channel]` over some cells.
+///
+/// Writes the means of all channels, then their maxima, then half the logarithms of their variances
+/// plus 0.001: three numbers per channel.
 ///
 /// # Panics
 /// If cells or channels are missing.
@@ -64,7 +66,7 @@ impl Weights {
     }
 }
 
-/// Trained network from an image `[side][side][channels]` and a few numbers to outputs and
+/// Trained network that maps an image `[side][side][channels]` and a few numbers to outputs and
 /// features.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Encoder {
@@ -74,8 +76,10 @@ pub struct Encoder {
 }
 
 impl Encoder {
-    /// Builds the encoder from tensors: `find` gives dimensions and entries for a name. All layers
-    /// need `NAME.weight` (of [`NamedLayer::dimensions`]) and `NAME.bias`.
+    /// Builds the encoder from tensors; `find` returns the dimensions and entries of a named
+    /// tensor.
+    ///
+    /// All layers require `NAME.weight` (of [`NamedLayer::dimensions`]) and `NAME.bias`.
     pub fn from_tensors(
         shape: EncoderShape,
         mut find: impl FnMut(&str) -> Option<(Vec<usize>, Vec<f32>)>,
@@ -104,7 +108,8 @@ impl Encoder {
         Ok(Self { shape, convolutions, dense })
     }
 
-    /// Name, dimensions and entries of all tensors, as [`Self::from_tensors`] needs them.
+    /// Returns name, dimensions and entries of all tensors, as [`Self::from_tensors`] requires
+    /// them.
     pub fn tensors(&self) -> Vec<(String, Vec<usize>, &[f32])> {
         let layers = self.convolutions.iter().chain(&self.dense);
         layers
@@ -118,7 +123,7 @@ impl Encoder {
             .collect()
     }
 
-    /// Shape of the network.
+    /// Returns the shape of the network.
     pub fn shape(&self) -> &EncoderShape {
         &self.shape
     }
@@ -186,7 +191,7 @@ mod tests {
     }
 
     #[test]
-    fn tensors_make_the_same_encoder() {
+    fn tensors_rebuild_the_same_encoder() {
         let encoder = any(small());
         let tensors = encoder.tensors();
         let find = |name: &str| {
@@ -200,11 +205,11 @@ mod tests {
         assert_ne!(encoder.apply(&image, &[0.1, 0.5, 0.3]).0, outputs);
     }
 
-    /// Changes the tensor of a name; false removes it.
+    /// Changes a named tensor; returns false to remove it.
     type Change = dyn Fn(&str, &mut Vec<usize>, &mut Vec<f32>) -> bool;
 
     #[test]
-    fn wrong_tensors_and_shapes_are_told() {
+    fn wrong_tensors_and_shapes_are_rejected() {
         let encoder = any(small());
         let tensors = encoder.tensors();
         let load = |shape, change: &Change| {
@@ -245,7 +250,7 @@ mod tests {
         let mut out = [0.0; 6];
         pool(&activations, &inside_disk(4), &mut out);
         assert_eq!(out[..4], [15.0, 16.0, 28.0, 29.0]);
-        // Cells 1, 2, 4 to 11, 13, 14: a mean of 7.5, two channels apart.
+        // Cells 1, 2, 4 to 11, 13 and 14 have a mean index of 7.5; each has two channels.
         let square = [6.5_f32, 5.5, 3.5, 2.5, 1.5, 0.5].map(|d| 2.0 * (2.0 * d).powi(2)).iter().sum::<f32>() / 12.0;
         for got in &out[4..] {
             assert!((got - 0.5 * (square + LEAST_VARIANCE).ln()).abs() < 1e-5, "{got} {square}");

@@ -6,14 +6,14 @@ use super::convolution::Convolution;
 
 /// Shape of an [`Encoder`](super::Encoder). The first convolution (4 x 4) and one at the start of
 /// each level (3 x 3) halve the side; two more (3 x 3) on each level make a residual block (He et
-/// al. 2016). [`silu`](super::silu) stands between layers.
+/// al. 2016). [`silu`](super::silu) is applied between layers.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct EncoderShape {
     /// Cells along a side of the image, a multiple of two to the power of the number of `widths`.
     pub side: usize,
     /// Channels of the image.
     pub channels: usize,
-    /// Number of globals, which are given with the image.
+    /// Number of globals, the numbers that accompany the image.
     pub globals: usize,
     /// Channels after the first convolution, then those of each level.
     pub widths: Vec<usize>,
@@ -26,7 +26,7 @@ pub struct EncoderShape {
 /// Error in the description or the tensors of an encoder.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum EncoderError {
-    /// The description is not that of a network, or of one too large.
+    /// The description is invalid, or describes a network that is too large.
     #[error("the encoder's {0} is out of range")]
     Shape(&'static str),
     /// A tensor is missing.
@@ -64,7 +64,7 @@ pub enum Step {
 pub struct NamedLayer {
     /// Prefix of the names of its tensors.
     pub name: String,
-    /// Sizes.
+    /// Sizes of the layer.
     pub geometry: Convolution,
 }
 
@@ -78,13 +78,13 @@ impl NamedLayer {
 }
 
 impl EncoderShape {
-    /// Shape with the usual widths, for images of 128 x 128 cells: 66 million products for five
+    /// Returns the default shape for images of 128 x 128 cells: 66 million products for five
     /// channels.
     pub fn new(channels: usize, globals: usize, outputs: usize) -> Self {
         Self { side: 128, channels, globals, widths: vec![16, 32, 64, 96], hidden: vec![256, 256], outputs }
     }
 
-    /// Checks that nothing is missing and all is small enough for the sizes of a 32-bit machine.
+    /// Checks that no part is missing and that all sizes are small enough for a 32-bit machine.
     pub fn check(&self) -> Result<(), EncoderError> {
         let one = |ok: bool, name| if ok { Ok(()) } else { Err(EncoderError::Shape(name)) };
         one((2..=8).contains(&self.widths.len()), "number of widths")?;
@@ -98,7 +98,7 @@ impl EncoderShape {
         one((1..=4096).contains(&self.outputs), "number of outputs")
     }
 
-    /// Convolutions in the order of [`Self::steps`].
+    /// Returns the convolutions in the order of [`Self::steps`].
     pub fn convolutions(&self) -> Vec<NamedLayer> {
         let mut layers = Vec::new();
         let (mut side, mut inputs) = (self.side, self.channels);
@@ -115,7 +115,7 @@ impl EncoderShape {
         layers
     }
 
-    /// Dense layers, the outputs last.
+    /// Returns the dense layers, with the outputs last.
     pub fn dense_layers(&self) -> Vec<NamedLayer> {
         let mut inputs = self.pooled() + self.globals;
         let mut layers = Vec::new();
@@ -127,8 +127,9 @@ impl EncoderShape {
         layers
     }
 
-    /// Operations on an image, in order. The first level is pooled before its block, and each level
-    /// after it.
+    /// Returns the operations on an image, in order.
+    ///
+    /// The first level is pooled before and after its block, the other levels only after it.
     pub fn steps(&self) -> Vec<Step> {
         let mut steps = vec![Step::Convolve(0)];
         for level in 1..self.widths.len() {
@@ -141,12 +142,12 @@ impl EncoderShape {
         steps
     }
 
-    /// Number of values that pooling yields.
+    /// Returns the number of values that pooling yields.
     pub fn pooled(&self) -> usize {
         3 * (self.widths[1] + self.widths[1..].iter().sum::<usize>())
     }
 
-    /// Number of products in one pass.
+    /// Returns the number of products in one pass.
     pub fn products(&self) -> usize {
         let layers = self.convolutions().into_iter().chain(self.dense_layers());
         layers.map(|l| l.geometry.output_len() * l.geometry.neighbourhood()).sum()
@@ -158,7 +159,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_usual_shape_is_that_of_the_design() {
+    fn the_default_shape_has_the_designed_layers() {
         let shape = EncoderShape::new(5, 3, 180);
         assert_eq!(shape.check(), Ok(()));
         assert_eq!(shape.pooled(), 672);

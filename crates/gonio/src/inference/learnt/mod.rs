@@ -8,11 +8,11 @@
 //! equation of the image contains.
 //!
 //! The image is mapped to the [disk of normals](crate::appearance::disk), with a confidence for
-//! each normal; a small convolutional [`Encoder`] turns it into an embedding, whose dot product
-//! with the embedding of a material is the logarithm of the likelihood of the image, up to a
+//! each normal. A small convolutional [`Encoder`] maps the disk to an embedding. The dot product of
+//! this embedding with that of a material is the logarithm of the likelihood of the image, up to a
 //! constant. [`Candidates`] drawn from the prior and weighted by this likelihood represent the
-//! posterior. Both embeddings are trained to tell the material of a photograph from others
-//! (contrastive ratio estimation: Durkan, Murray & Papamakarios 2020).
+//! posterior. Training makes the embeddings distinguish the material of a photograph from other
+//! materials (contrastive ratio estimation: Durkan, Murray & Papamakarios 2020).
 
 mod candidates;
 mod convolution;
@@ -46,7 +46,7 @@ use crate::reflectance::Coordinates;
 pub struct LearntPosterior {
     /// Names of the measured materials in the training set.
     pub names: Vec<String>,
-    /// These materials, in the order of their names.
+    /// Measured materials in the order of `names`.
     pub measured: Candidates,
     /// Materials drawn from the prior.
     pub prior: Candidates,
@@ -68,9 +68,10 @@ pub struct LearntPosterior {
 pub struct Reading {
     /// Embedding of the image.
     pub embedding: Vec<f32>,
-    /// Share of the encoder's features outside the range seen in training: near 0.002 for a
-    /// photograph like the simulated ones, and large for one unlike them, whose posterior should
-    /// not be trusted.
+    /// Share of the encoder's features outside their range in training.
+    ///
+    /// The share is near 0.002 for photographs like the simulated ones. It is large for photographs
+    /// unlike them, whose posterior is unreliable.
     pub strangeness: f64,
 }
 
@@ -84,7 +85,8 @@ impl LearntPosterior {
         Reading { embedding, strangeness: outside as f64 / self.ranges.len().max(1) as f64 }
     }
 
-    /// Mean of the posterior of images with this embedding, in the coordinates of materials.
+    /// Computes the mean of the posterior of images with this embedding, in the coordinates of
+    /// materials.
     pub fn mean_place(&self, embedding: &Embedding) -> Vec<f64> {
         let mut mean = vec![0.0; self.coordinates.axes.len()];
         for (place, weight) in self.prior.places.iter().zip(self.prior.weights(&embedding.weighed())) {
@@ -93,7 +95,7 @@ impl LearntPosterior {
         mean
     }
 
-    /// Identifies the model among others: a hash (FNV-1a) of its coordinates and embeddings, as 16
+    /// Returns an identifier of the model: a hash (FNV-1a) of its coordinates and embeddings, as 16
     /// hexadecimal digits.
     pub fn id(&self) -> String {
         let numbers = self.coordinates.mean.iter().chain(self.measured.embeddings.iter().flatten());
@@ -103,7 +105,7 @@ impl LearntPosterior {
         format!("{hash:016x}")
     }
 
-    /// Posterior of the material of an image.
+    /// Computes the posterior of the material of an image.
     pub fn posterior(&self, image: &DiskImage) -> MaterialPosterior {
         MaterialPosterior::of_embedding(self, Embedding::of(self.read(image).embedding))
     }

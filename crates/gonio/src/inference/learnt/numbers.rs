@@ -6,9 +6,10 @@ use super::posterior::MaterialPosterior;
 use super::spread::{spread_quantile, student_quantile};
 use crate::reflectance::{BivariateTable, THETA_D, THETA_H, is_trusted, theta_d_of, theta_h_of};
 
-/// Brightness of the mirror direction relative to directions far from it: the value along the
-/// normal over the mean at half angles beyond 45 degrees (difference angles below). One for chalk,
-/// tens for a satin paint, thousands for polished metal.
+/// Computes the brightness of the mirror direction relative to directions far from it.
+///
+/// This is the value along the normal over the mean at half angles above 45 degrees and difference
+/// angles below. It is one for chalk, tens for a satin paint and thousands for polished metal.
 pub fn peak_over_base(table: &BivariateTable) -> f64 {
     let far = std::f64::consts::FRAC_PI_4;
     let (mut sum, mut count) = (0.0, 0.0);
@@ -21,17 +22,17 @@ pub fn peak_over_base(table: &BivariateTable) -> f64 {
     f64::from(table.cell(0, 0)) * count / f64::max(sum, 1e-300)
 }
 
-/// Draws of a posterior, ordered by a number of their tables.
+/// Draws of a posterior, sorted by a number computed from their tables.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Ranking {
-    /// Logarithm of the number and index of each draw, by rising number.
+    /// Logarithm of the number and index of each draw, by ascending number.
     draws: Vec<(f32, usize)>,
     /// Scale of the error of the logarithm that the draws do not show.
     error: f64,
 }
 
 impl MaterialPosterior {
-    /// Orders the draws by a positive number of their tables.
+    /// Sorts the draws by a positive number computed from their tables.
     pub fn ranking(&self, number: impl Fn(&BivariateTable) -> f64 + Sync) -> Ranking {
         let log = |(at, table): (usize, &BivariateTable)| (number(table).max(1e-300).ln() as f32, at);
         let mut draws: Vec<(f32, usize)> = self.draws.par_iter().enumerate().map(log).collect();
@@ -41,15 +42,16 @@ impl MaterialPosterior {
 }
 
 impl Ranking {
-    /// Quantiles of the number, with the errors that the draws do not show. Shares in 0..1,
-    /// ascending.
+    /// Computes quantiles of the number, including the errors that the draws do not show.
+    ///
+    /// `shares` are in 0..1, ascending.
     pub fn quantiles(&self, shares: &[f64]) -> Vec<f64> {
         let values: Vec<f32> = self.draws.iter().map(|d| d.0).collect();
         let end = |share: &f64| spread_quantile(&values, *share, (self.error * student_quantile(*share)) as f32);
         shares.iter().map(|share| f64::from(end(share)).exp()).collect()
     }
 
-    /// The draw at a quantile, as its index in [`MaterialPosterior::draws`].
+    /// Returns the draw at a quantile, as its index in [`MaterialPosterior::draws`].
     pub fn draw(&self, share: f64) -> usize {
         let at = (share * self.draws.len() as f64) as usize;
         self.draws[at.min(self.draws.len() - 1)].1

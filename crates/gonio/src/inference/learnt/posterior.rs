@@ -12,15 +12,15 @@ use crate::reflectance::{BivariateTable, CELLS, Coordinates, is_trusted, trusted
 /// Number of draws that represent a posterior.
 const DRAWS: usize = 256;
 
-/// Share of the prior's 90 % interval above which a cell's interval makes it undetermined.
+/// Ratio of a cell's 90 % interval to the prior's above which the cell is undetermined.
 const UNDETERMINED: f64 = 0.6;
 
 /// A measured material and its share of the posterior.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Neighbour {
-    /// Its name.
+    /// Name of the material.
     pub name: String,
-    /// Its weight; those of all measured materials sum to one.
+    /// Weight of the material; the weights of all measured materials sum to one.
     pub weight: f64,
 }
 
@@ -29,24 +29,24 @@ pub struct Neighbour {
 pub struct MaterialPosterior {
     /// Likelihood of the material given the photographs.
     pub likelihood: Likelihood,
-    /// Materials drawn from the posterior, equally likely, of albedo one along the normal; always
-    /// the same for one embedding.
+    /// Equally likely materials drawn from the posterior, with albedo one along the normal. The
+    /// same embedding always gives the same draws.
     pub draws: Vec<BivariateTable>,
-    /// Estimate: the geometric mean of the draws, which is the mean in the logarithm, in which the
+    /// Estimate: the geometric mean of the draws. This is the mean of the logarithms, in which the
     /// errors of a BRDF are measured.
     ///
-    /// A mean of the tables themselves (eq. 3) has the peak of the sharpest material that has a
-    /// share in it, and is glossier than most materials that it represents. Both relight equally
+    /// The arithmetic mean of the tables (eq. 3) has the peak of the sharpest material among them,
+    /// and is glossier than most of the materials that it represents. Both means relight equally
     /// well (`docs/trials.md`).
     pub mean: BivariateTable,
-    /// Measured materials by falling weight.
+    /// Measured materials by descending weight.
     pub neighbours: Vec<Neighbour>,
-    /// Errors that the draws do not show, by which intervals are wider.
+    /// Errors that the draws do not show; they widen the intervals.
     pub spread: Spread,
 }
 
 impl MaterialPosterior {
-    /// Computes the posterior from a likelihood. `None` if it is that of another model.
+    /// Computes the posterior from a likelihood; `None` if the likelihood is that of another model.
     pub fn of(learnt: &LearntPosterior, likelihood: Likelihood) -> Option<Self> {
         if !likelihood.is_of(learnt) {
             return None;
@@ -60,8 +60,9 @@ impl MaterialPosterior {
         }
     }
 
-    /// Computes the posterior under a known light, with these neighbours. `None` if the Gaussian
-    /// is not one.
+    /// Computes the posterior under a known light, with these neighbours.
+    ///
+    /// Returns `None` if the inverse covariance of the Gaussian is not positive definite.
     pub fn of_gaussian(coordinates: &Coordinates, gaussian: Gaussian, neighbours: Vec<Neighbour>) -> Option<Self> {
         let (draws, mean) = (gaussian.draws(coordinates, DRAWS, 1)?, gaussian.table(coordinates));
         Some(Self { likelihood: Likelihood::Gaussian(gaussian), draws, mean, neighbours, spread: Spread::KNOWN_LIGHT })
@@ -70,7 +71,7 @@ impl MaterialPosterior {
     /// Computes the posterior from the embedding of images.
     ///
     /// # Panics
-    /// If it is not as long as the embeddings of the candidates.
+    /// If the embedding does not have the length of the candidates' embeddings.
     pub(super) fn of_embedding(learnt: &LearntPosterior, embedding: Embedding) -> Self {
         let weighed = embedding.weighed();
         let draws = draws(learnt, &weighed, DRAWS, 1);
@@ -87,16 +88,18 @@ impl MaterialPosterior {
         Self { likelihood: Likelihood::Embedding(embedding), draws, mean, neighbours, spread: Spread::BLIND }
     }
 
-    /// Quantiles of each cell, `[quantile][cell]`, on the scale of [`Self::mean`]: of the draws
-    /// scaled to the geometric mean of `mean` over the trusted cells, with the errors of
-    /// [`Self::spread`]. Shares in 0..1, ascending. Cells beyond the trusted ones have the
-    /// quantiles of the nearest trusted cell.
+    /// Computes quantiles of each cell, `[quantile][cell]`, on the scale of [`Self::mean`].
+    ///
+    /// The draws are scaled to the geometric mean of `mean` over the trusted cells, and the errors
+    /// of [`Self::spread`] are included. `shares` are in 0..1, ascending. Cells beyond the trusted
+    /// ones have the quantiles of the nearest trusted cell.
     pub fn quantiles(&self, shares: &[f64]) -> Vec<Vec<f32>> {
         self.quantiles_of(&relative_logs(&self.draws), shares)
     }
 
-    /// Quantiles of each cell of a channel, as [`Self::quantiles`], for equally likely chromas of
-    /// the cells; draws and chromas are paired in turn.
+    /// Computes quantiles of each cell of a channel, like [`Self::quantiles`].
+    ///
+    /// `fields` are equally likely chromas of the cells; draws and chromas are paired in turn.
     ///
     /// # Panics
     /// If there are no chromas.
@@ -104,9 +107,10 @@ impl MaterialPosterior {
         self.quantiles_of(&self.relative_channel_logs(fields, channel), shares)
     }
 
-    /// Logarithms of a channel of each draw, `[draw][cell]`, scaled like [`Self::quantiles`] but
-    /// without the errors of [`Self::spread`]. Draws and chromas are paired in turn; those of grey
-    /// fields are the luminance.
+    /// Computes the logarithms of a channel of each draw, `[draw][cell]`.
+    ///
+    /// Their scale is that of [`Self::quantiles`], but they do not include the errors of
+    /// [`Self::spread`]. Draws and chromas are paired in turn; grey chromas give the luminance.
     ///
     /// # Panics
     /// If there are no chromas.
@@ -116,7 +120,8 @@ impl MaterialPosterior {
         logs
     }
 
-    /// The same relative to the geometric mean of the luminance of each draw.
+    /// Computes [`Self::channel_logs`] relative to the geometric mean of the luminance of each
+    /// draw.
     fn relative_channel_logs(&self, fields: &[ChromaField], channel: usize) -> Vec<Vec<f32>> {
         let mut logs = relative_logs(&self.draws);
         logs.par_iter_mut().enumerate().for_each(|(at, logs)| {
@@ -149,9 +154,11 @@ impl MaterialPosterior {
             .collect()
     }
 
-    /// Cells that the image does not determine: those in which the 90 % interval of the draws, in
-    /// the logarithm and without the errors of [`Self::spread`], is more than six tenths of the
-    /// prior's. Cells beyond the trusted ones always count as undetermined.
+    /// Returns for each cell whether the image leaves it undetermined.
+    ///
+    /// A cell is undetermined if the 90 % interval of its draws is more than six tenths of the
+    /// prior's. Both are intervals of the logarithm, without the errors of [`Self::spread`]. Cells
+    /// beyond the trusted ones always count as undetermined.
     pub fn undetermined(&self, learnt: &LearntPosterior) -> Vec<bool> {
         let widths = interval_widths(&self.draws);
         let open = |c: usize| f64::from(widths[c]) > UNDETERMINED * f64::from(learnt.widths[c]);
@@ -159,7 +166,9 @@ impl MaterialPosterior {
     }
 }
 
-/// Measured materials by falling weight: `exp(-d^2 / 2)` with the distance from a place in the
+/// Returns the measured materials by descending weight.
+///
+/// The weights are proportional to `exp(-d^2 / 2)`, where `d` is the distance from a place in the
 /// coordinates.
 fn nearest(learnt: &LearntPosterior, from: &[f64]) -> Vec<Neighbour> {
     let distance = |place: &Vec<f32>| from.iter().zip(place).map(|(a, b)| (a - f64::from(*b)).powi(2)).sum::<f64>();
@@ -173,8 +182,9 @@ fn nearest(learnt: &LearntPosterior, from: &[f64]) -> Vec<Neighbour> {
     neighbours
 }
 
-/// Draws materials from a posterior, of albedo one along the normal. The same seed gives the same
-/// draws. `None` if the likelihood is that of another model.
+/// Draws materials with albedo one along the normal from a posterior.
+///
+/// The same seed gives the same draws. Returns `None` if the likelihood is that of another model.
 pub(crate) fn sample(
     learnt: &LearntPosterior,
     likelihood: &Likelihood,
@@ -188,8 +198,9 @@ pub(crate) fn sample(
     }
 }
 
-/// Draws materials from the posterior of an image with this embedding, of albedo one along the
-/// normal. The same seed gives the same draws.
+/// Draws materials with albedo one along the normal from the posterior of an embedding.
+///
+/// The same seed gives the same draws.
 fn draws(learnt: &LearntPosterior, embedding: &[f32], count: usize, seed: u64) -> Vec<BivariateTable> {
     let candidates = &learnt.prior;
     let place = |at: usize| candidates.places[at].iter().map(|z| f64::from(*z)).collect();
@@ -198,21 +209,23 @@ fn draws(learnt: &LearntPosterior, embedding: &[f32], count: usize, seed: u64) -
     learnt.coordinates.tables(&places).par_iter().map(|table| table.with_normal_albedo(1.0).0).collect()
 }
 
-/// Width of the 90 % interval of the logarithm of each cell over equally likely tables, each
-/// relative to its own geometric mean; zero beyond the trusted cells.
+/// Computes the width of the 90 % interval of the logarithm of each cell over equally likely
+/// tables.
+///
+/// Each table is relative to its own geometric mean. Widths are zero beyond the trusted cells.
 pub fn interval_widths(tables: &[BivariateTable]) -> Vec<f32> {
     let ends = |_, values: &[f32]| vec![quantile(values, 0.95) - quantile(values, 0.05)];
     by_cell(&relative_logs(tables), 1, ends).into_iter().map(|width| width[0]).collect()
 }
 
-/// Mean logarithm of a table over the trusted cells.
+/// Computes the mean logarithm of a table over the trusted cells.
 fn log_level(table: &BivariateTable) -> f64 {
     let logs = trusted_cells().map(|c| f64::from(table.as_slice()[c].max(1e-12)).ln());
     let (sum, count) = logs.fold((0.0, 0.0), |(sum, count), l| (sum + l, count + 1.0));
     sum / count
 }
 
-/// Logarithm of each cell relative to the [`log_level`] of its table, `[table][cell]`.
+/// Computes the logarithm of each cell relative to the [`log_level`] of its table, `[table][cell]`.
 fn relative_logs(tables: &[BivariateTable]) -> Vec<Vec<f32>> {
     let logs = |table: &BivariateTable| {
         let level = log_level(table) as f32;
@@ -221,8 +234,9 @@ fn relative_logs(tables: &[BivariateTable]) -> Vec<Vec<f32>> {
     tables.par_iter().map(logs).collect()
 }
 
-/// `count` numbers of each cell, `[cell][number]`, from its ascending logarithms; zeros beyond the
-/// trusted cells.
+/// Computes `count` numbers of each cell, `[cell][number]`, from its ascending logarithms.
+///
+/// The numbers are zero beyond the trusted cells.
 fn by_cell(logs: &[Vec<f32>], count: usize, numbers: impl Fn(usize, &[f32]) -> Vec<f32> + Sync) -> Vec<Vec<f32>> {
     let cell = |c: usize| {
         if !is_trusted(c) {

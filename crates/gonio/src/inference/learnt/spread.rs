@@ -4,16 +4,18 @@ use std::f64::consts::PI;
 
 use crate::reflectance::{CELLS, angles_of};
 
-/// Half angles, in degrees, at which spreads are given; linear in between, constant beyond.
+/// Half angles, in degrees, at which spreads are given: linear between them, constant beyond.
 const NODES: [f64; 6] = [2.0, 7.0, 15.0, 27.5, 45.0, 65.0];
 
-/// Scale of the error of the logarithm of reflectance that the draws of a posterior do not show:
-/// what the coordinates of materials cannot express, and how new photographs differ from those of
-/// the training. The error has Student's distribution with three degrees of freedom, since
-/// materials differ in how far they lie from the prior.
+/// Scale of the error of the logarithm of reflectance that the draws of a posterior do not show.
 ///
-/// The numbers are those of `gonio-eval calibration`, for intervals that hold the measured values
-/// of materials outside of the training as often as they say (docs/results.md).
+/// The error has two causes: the coordinates of materials cannot express every material, and new
+/// photographs differ from those in training. It has Student's distribution with three degrees of
+/// freedom, since materials differ in their distance from the prior.
+///
+/// `gonio-eval calibration` determines the numbers. With them, intervals contain the measured
+/// values of materials outside the training set as often as their probability requires
+/// (docs/results.md).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Spread {
     /// Scale at the half angles of [`NODES`].
@@ -23,13 +25,13 @@ pub struct Spread {
 }
 
 impl Spread {
-    /// Under an unknown light.
+    /// Spread under an unknown light.
     pub(super) const BLIND: Self = Self { of_cells: [0.2, 0.25, 0.3, 0.35, 0.45, 0.8], of_numbers: 0.15 };
 
-    /// Under a known light.
+    /// Spread under a known light.
     pub(super) const KNOWN_LIGHT: Self = Self { of_cells: [0.14, 0.14, 0.15, 0.18, 0.28, 0.6], of_numbers: 0.15 };
 
-    /// Scale at a half angle in radians.
+    /// Returns the scale at a half angle in radians.
     fn at(&self, half_angle: f64) -> f64 {
         let degrees = half_angle.to_degrees();
         let above = NODES.iter().position(|node| *node > degrees).unwrap_or(NODES.len());
@@ -41,13 +43,13 @@ impl Spread {
         self.of_cells[above - 1] + share * (self.of_cells[above] - self.of_cells[above - 1])
     }
 
-    /// Scale of every cell.
+    /// Returns the scale of every cell.
     pub(super) fn by_cell(&self) -> Vec<f32> {
         (0..CELLS).map(|cell| self.at(angles_of(cell).0) as f32).collect()
     }
 }
 
-/// Quantile of Student's distribution with three degrees of freedom.
+/// Computes a quantile of Student's distribution with three degrees of freedom.
 pub(super) fn student_quantile(share: f64) -> f64 {
     let below = |x: f64| {
         let y = x / 3_f64.sqrt();
@@ -61,7 +63,7 @@ pub(super) fn student_quantile(share: f64) -> f64 {
     0.5 * (low + high)
 }
 
-/// Quantile of ascending values of equal weight, linear between them.
+/// Computes a quantile of ascending values of equal weight, linear between them.
 pub(super) fn quantile(values: &[f32], share: f64) -> f32 {
     let last = values.len() - 1;
     let at = (share as f32 * values.len() as f32 - 0.5).clamp(0.0, last as f32);
@@ -69,8 +71,10 @@ pub(super) fn quantile(values: &[f32], share: f64) -> f32 {
     values[below] + (at - below as f32) * (values[(below + 1).min(last)] - values[below])
 }
 
-/// Quantile of the sum of an ascending sample and an independent error whose quantile is `error`:
-/// distances from the median add as those of Gaussians do, by their squares.
+/// Computes a quantile of the sum of an ascending sample and an independent error.
+///
+/// `error` is the quantile of the error. Distances from the median are added in quadrature, as for
+/// Gaussians.
 pub(super) fn spread_quantile(values: &[f32], share: f64, error: f32) -> f32 {
     let median = quantile(values, 0.5);
     median + (quantile(values, share) - median).hypot(error).copysign((share - 0.5) as f32)
@@ -81,7 +85,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn quantiles_lie_between_the_middles_of_values() {
+    fn quantiles_are_linear_between_the_middles_of_values() {
         let values = [1.0, 2.0, 3.0, 4.0];
         // Middles at 1/8, 3/8, 5/8, 7/8.
         for (share, want) in [(0.05, 1.0), (0.125, 1.0), (0.25, 1.5), (0.5, 2.5), (0.99, 4.0)] {
@@ -91,7 +95,7 @@ mod tests {
     }
 
     #[test]
-    fn quantiles_of_student_are_those_of_tables() {
+    fn student_quantiles_match_published_tables() {
         for (share, want) in [(0.5, 0.0), (0.75, 0.764_9), (0.95, 2.353_4), (0.025, -3.182_4)] {
             assert!((student_quantile(share) - want).abs() < 1e-4, "{share}");
         }
@@ -100,7 +104,7 @@ mod tests {
     #[test]
     fn errors_widen_both_sides() {
         let many: Vec<f32> = (0..1000).map(|i| i as f32 / 1000.0).collect();
-        // Exact where one of both has no width.
+        // The result is exact if the sample or the error has no width.
         assert_eq!(spread_quantile(&many, 0.95, 0.0), quantile(&many, 0.95));
         assert_eq!(spread_quantile(&[5.0; 4], 0.9, 0.7), 5.7);
         assert_eq!(spread_quantile(&[5.0; 4], 0.1, -0.7), 4.3);

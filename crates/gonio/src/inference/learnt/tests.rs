@@ -100,7 +100,7 @@ fn around(place: &[f64], deviation: f32) -> LearntPosterior {
     }
 }
 
-/// Posterior that is nearly certain of one of the six materials for any image.
+/// Posterior that is concentrated on one of the six materials, for any image.
 pub(crate) fn knowing(material: usize) -> LearntPosterior {
     around(&WORLD.places[material], 0.05)
 }
@@ -112,7 +112,7 @@ fn any_image() -> DiskImage {
 }
 
 #[test]
-fn what_is_known_is_the_estimate() {
+fn the_estimate_is_the_material_of_a_concentrated_posterior() {
     for material in [0, 2, 4] {
         let posterior = knowing(material).posterior(&any_image());
         let truth = WORLD.table(&WORLD.entries[material]);
@@ -127,7 +127,7 @@ fn what_is_known_is_the_estimate() {
 }
 
 #[test]
-fn intervals_are_ordered_and_hold_the_mean_material() {
+fn intervals_are_ordered_and_contain_the_mean_material() {
     let learnt = around(&WORLD.places[2], 0.5);
     let posterior = learnt.posterior(&any_image());
     let quantiles = posterior.quantiles(&[0.05, 0.5, 0.95]);
@@ -138,8 +138,8 @@ fn intervals_are_ordered_and_hold_the_mean_material() {
     let mean = posterior.mean.as_slice();
     let inside = trusted.iter().filter(|&&c| (quantiles[0][c]..=quantiles[2][c]).contains(&mean[c])).count();
     assert!(inside as f64 > 0.95 * trusted.len() as f64, "{inside}");
-    // With draws as wide as the prior, most trusted cells are undetermined; with a nearly certain
-    // posterior, hardly any is.
+    // With draws as wide as the prior, most trusted cells are undetermined. With a concentrated
+    // posterior, hardly any trusted cell is undetermined.
     let open = |a: &LearntPosterior| a.posterior(&any_image()).undetermined(a).iter().filter(|o| **o).count();
     let nothing = CELLS - trusted.len();
     assert!(open(&around(&[0.0; 6], 1.0)) > nothing + trusted.len() / 2);
@@ -147,7 +147,7 @@ fn intervals_are_ordered_and_hold_the_mean_material() {
 }
 
 #[test]
-fn features_out_of_range_are_strange() {
+fn strangeness_is_the_share_of_features_out_of_range() {
     let mut learnt = knowing(1);
     assert_eq!(learnt.read(&any_image()).strangeness, 0.0);
     learnt.ranges[0] = (5.0, 6.0);

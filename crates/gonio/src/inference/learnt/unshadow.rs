@@ -20,11 +20,11 @@ use crate::transfer::{PlanSettings, Prediction, QuadratureSettings, predict};
 pub struct UnshadowSettings {
     /// Largest number of estimates of material and light.
     pub rounds: usize,
-    /// Mean absolute change of the log ratios below which they have settled.
+    /// Mean absolute change of the log ratios below which they have converged.
     pub tolerance: f64,
     /// Number of observations for each normal of the lattice.
     pub each: usize,
-    /// Approximate number of observations from which the light is found.
+    /// Approximate number of observations from which the light is estimated.
     pub rows: usize,
 }
 
@@ -34,34 +34,35 @@ impl Default for UnshadowSettings {
     }
 }
 
-/// Largest ratio, and inverse of the smallest: where a point receives a fifth of what the sphere
-/// would, noise and interreflections dominate.
+/// Largest ratio, and inverse of the smallest. Where a point receives a fifth of the light that the
+/// sphere would receive, noise and interreflections dominate.
 const LARGEST_RATIO: f64 = 5.0;
 
-/// Quadrature of the predictions. Only their ratios count, in which its errors nearly cancel: it
-/// takes a quarter of the time of the default one.
+/// Quadrature of the predictions. Only ratios of predictions matter, in which its errors nearly
+/// cancel. It takes a quarter of the time of the default quadrature.
 const QUADRATURE: QuadratureSettings = QuadratureSettings { base: 5, ratio: 0.6, core: 0.02 };
 
-/// Smallest factor, before squaring, of the weight of observations on the edge of a shadow: they
-/// count only where their normal has no others.
+/// Smallest factor, before squaring, of the weight of observations on the edge of a shadow. They
+/// matter only where their normal has no other observations.
 const EDGE_WEIGHT: f64 = 1e-3;
 
 /// Image on the disk of normals, corrected for shadows.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Unshadowed {
-    /// Image as a sphere would show it, in luminance.
+    /// Luminance image of the equivalent sphere.
     pub image: DiskImage,
     /// Images of red, green and blue; `None` for a black channel.
     pub channels: [Option<DiskImage>; 3],
-    /// Mean absolute logarithm of the ratios by which values were changed; zero where no correction
-    /// was needed.
+    /// Mean absolute logarithm of the ratios by which values were changed; zero if no correction
+    /// was necessary.
     pub change: f64,
 }
 
-/// Maps observations to the disk of normals, as a sphere would show them.
+/// Converts observations to the image of the equivalent sphere on the disk of normals.
 ///
 /// # Errors
-/// [`LightError`] if all are black, and as [`LightProblem::new`] and [`LightProblem::posterior`].
+/// [`LightError`] if all observations are black; also the errors of [`LightProblem::new`] and
+/// [`LightProblem::posterior`].
 ///
 /// # Panics
 /// If nothing is observed.
@@ -99,8 +100,8 @@ pub fn unshadow(
             .map(|p| p.on_sphere / p.seen)
             .map(|ratio| if ratio.is_finite() { ratio.clamp(1.0 / LARGEST_RATIO, LARGEST_RATIO).ln() } else { 0.0 })
             .collect();
-        // A large factor also amplifies the noise; where most light passes a shadow's edge, the
-        // ratio is unreliable.
+        // A large factor also amplifies the noise. Where most light passes the edge of a shadow,
+        // the ratio is unreliable.
         let reliable = |((weight, log), prediction): ((&f64, &f64), &Prediction)| {
             weight * (-2.0 * log.max(0.0)).exp() * (1.0 - prediction.edge).max(EDGE_WEIGHT).powi(2)
         };
@@ -125,7 +126,7 @@ pub fn unshadow(
     Ok(Unshadowed { image, channels, change })
 }
 
-/// Images of the channels of samples whose luminance is `image`.
+/// Returns the images of the channels of samples whose luminance is `image`.
 fn channels_of(samples: &[Sample], image: &DiskImage) -> [Option<DiskImage>; 3] {
     [0, 1, 2].map(|channel| DiskImage::gather_channel(samples, channel, image))
 }

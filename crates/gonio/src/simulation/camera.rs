@@ -296,8 +296,7 @@ impl Camera {
         (counts, each >= 3.0)
     }
 
-    /// Returns the place `(x, y)`, in cells, from which each cell takes its value if the shape is
-    /// wrong.
+    /// Returns the place `(x, y)`, in cells, from which each cell of a wrong shape takes its value.
     ///
     /// The places deviate by a smooth field of shifts, a global shift, and a change of the radius.
     fn displaced(&self, rng: &mut impl Rng) -> Vec<(f32, f32)> {

@@ -88,7 +88,7 @@ impl Part {
             let cell = |at: f32| ((0.5 * at + 0.5) * SIDE as f32).clamp(0.0, SIDE as f32) as usize;
             cell(middle - reach)..(cell(middle + reach) + 1).min(SIDE)
         };
-        // Rows of the disk count downwards; y points upwards.
+        // Row indices increase downwards; y points upwards.
         let (rows, columns) = (range(-self.middle.1), range(self.middle.0));
         rows.flat_map(move |row| columns.clone().map(move |column| row * SIDE + column))
     }

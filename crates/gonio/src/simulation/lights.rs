@@ -40,7 +40,7 @@ impl LightKind {
         (Self::Windows, 0.08),
     ];
 
-    /// Returns the kind of the light of the `index`-th camera.
+    /// Returns the kind of light of the `index`-th camera.
     ///
     /// The kinds are evenly spread; their frequencies are [`Self::SHARES`].
     pub fn of(index: usize) -> Self {

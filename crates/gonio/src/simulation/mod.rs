@@ -129,7 +129,7 @@ impl Stock {
         self.groups.iter().map(|group| group.views.len() * group.materials.len()).sum()
     }
 
-    /// Renders the number of groups in the settings from number `first` on, and drops all others.
+    /// Renders `groups` groups of the settings from number `first` on, and drops all others.
     ///
     /// Groups that are already in the stock are kept. A group depends only on the settings, the
     /// lights and its number.

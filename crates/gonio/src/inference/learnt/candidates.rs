@@ -5,9 +5,9 @@ use rand_pcg::Pcg64;
 
 /// Materials with their embeddings.
 ///
-/// The dot product of the embeddings of an image and of a material is the logarithm of `p(I | F) /
-/// p(I)`, up to a constant of the image. This ratio compares the likelihood of the image given the
-/// material with its mean over all materials.
+/// The dot product of the embeddings of an image and of a material is, up to a constant of the
+/// image, the logarithm of `p(I | F) / p(I)`. This ratio compares the likelihood of the image given
+/// the material with its mean over all materials.
 ///
 /// For materials drawn from the prior, the exponentials of these products are therefore the weights
 /// of the posterior (eq. 3 with the sum over materials in place of the integral).

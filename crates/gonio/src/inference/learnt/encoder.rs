@@ -76,10 +76,10 @@ pub struct Encoder {
 }
 
 impl Encoder {
-    /// Builds the encoder from tensors; `find` returns the dimensions and entries of a named
-    /// tensor.
+    /// Builds the encoder from tensors.
     ///
-    /// All layers require `NAME.weight` (of [`NamedLayer::dimensions`]) and `NAME.bias`.
+    /// `find` returns the dimensions and entries of a named tensor. All layers require
+    /// `NAME.weight` (of [`NamedLayer::dimensions`]) and `NAME.bias`.
     pub fn from_tensors(
         shape: EncoderShape,
         mut find: impl FnMut(&str) -> Option<(Vec<usize>, Vec<f32>)>,
@@ -108,8 +108,7 @@ impl Encoder {
         Ok(Self { shape, convolutions, dense })
     }
 
-    /// Returns name, dimensions and entries of all tensors, as [`Self::from_tensors`] requires
-    /// them.
+    /// Returns name, dimensions and entries of all tensors for [`Self::from_tensors`].
     pub fn tensors(&self) -> Vec<(String, Vec<usize>, &[f32])> {
         let layers = self.convolutions.iter().chain(&self.dense);
         layers

@@ -85,8 +85,7 @@ impl LearntPosterior {
         Reading { embedding, strangeness: outside as f64 / self.ranges.len().max(1) as f64 }
     }
 
-    /// Computes the mean of the posterior of images with this embedding, in the coordinates of
-    /// materials.
+    /// Computes the posterior mean for an embedding of images, in the coordinates of materials.
     pub fn mean_place(&self, embedding: &Embedding) -> Vec<f64> {
         let mut mean = vec![0.0; self.coordinates.axes.len()];
         for (place, weight) in self.prior.places.iter().zip(self.prior.weights(&embedding.weighed())) {

@@ -120,8 +120,7 @@ impl MaterialPosterior {
         logs
     }
 
-    /// Computes [`Self::channel_logs`] relative to the geometric mean of the luminance of each
-    /// draw.
+    /// Computes [`Self::channel_logs`] relative to the mean log luminance of each draw.
     fn relative_channel_logs(&self, fields: &[ChromaField], channel: usize) -> Vec<Vec<f32>> {
         let mut logs = relative_logs(&self.draws);
         logs.par_iter_mut().enumerate().for_each(|(at, logs)| {
@@ -209,8 +208,7 @@ fn draws(learnt: &LearntPosterior, embedding: &[f32], count: usize, seed: u64) -
     learnt.coordinates.tables(&places).par_iter().map(|table| table.with_normal_albedo(1.0).0).collect()
 }
 
-/// Computes the width of the 90 % interval of the logarithm of each cell over equally likely
-/// tables.
+/// Computes the width of the 90 % interval of each cell's logarithm over equally likely tables.
 ///
 /// Each table is relative to its own geometric mean. Widths are zero beyond the trusted cells.
 pub fn interval_widths(tables: &[BivariateTable]) -> Vec<f32> {

@@ -9,10 +9,10 @@ use super::disk::{SIDE, on_disk};
 
 /// Computes the root mean square distance of the quarters of each cell from a plane.
 ///
-/// `values` and `counts` are those of the cells. The plane has the mean of the quarters; its slopes
-/// are the smaller of the slopes to the cells on either side (minmod, so that the plane never
-/// overshoots them), or zero if one of these cells has no count. The result is `None` off the disk
-/// and where `quarters` returns `None`.
+/// `values` and `counts` are those of the cells. The plane has the mean of the quarters. Its slopes
+/// are the smaller of the slopes to the cells on either side (minmod), so the plane never
+/// overshoots these cells. The slopes are zero if one of these cells has no count. The result is
+/// `None` off the disk and where `quarters` returns `None`.
 pub(crate) fn details(
     values: &[f32],
     counts: &[f32],

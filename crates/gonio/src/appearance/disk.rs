@@ -63,8 +63,8 @@ pub struct DiskImage {
     pub values: Vec<f32>,
     /// Sum of the weights of the observations of each cell; zero for interpolated cells.
     pub counts: Vec<f32>,
-    /// Detail finer than the cells: the root mean square distance of the quarters of a cell from
-    /// the plane through the neighbouring cells, in units of `values`; `None` if a quarter has no
+    /// Detail finer than the cells, in units of `values`: the root mean square distance of the
+    /// quarters of a cell from the plane through the neighbouring cells. `None` if a quarter has no
     /// observation.
     pub details: Vec<Option<f32>>,
     /// Standard deviation of single observations of one normal, relative to their mean, due to
@@ -185,14 +185,23 @@ impl DiskImage {
     ///
     /// Channels are zero off the disk. All values are of the order of one.
     ///
-    /// Channels: the value over the mean on a perceptual scale (its cube root, less one), half its
-    /// logarithm, `n_z`, whether the cell was observed, the logarithm of the relative standard
-    /// error and that of the relative detail (a third of each, plus one; zero where no detail is
-    /// known).
+    /// The channels are:
     ///
-    /// Globals: logarithm of the scatter, share of cells observed, logarithm of the observations
-    /// per cell, logarithm of the largest value over the mean, share of cells of known detail; then
-    /// statistics of brightness and of contrast at several scales (`appearance/statistics.rs`).
+    /// * the value over the mean on a perceptual scale: its cube root, less one;
+    /// * half the logarithm of the value over the mean;
+    /// * `n_z`;
+    /// * whether the cell was observed;
+    /// * the logarithm of the relative standard error, a third of it plus one;
+    /// * the logarithm of the relative detail, a third of it plus one; zero without a known detail.
+    ///
+    /// The globals are:
+    ///
+    /// * the logarithm of the scatter;
+    /// * the share of cells observed;
+    /// * the logarithm of the observations per cell;
+    /// * the logarithm of the largest value over the mean;
+    /// * the share of cells of known detail;
+    /// * statistics of brightness and of contrast at several scales (`appearance/statistics.rs`).
     ///
     /// # Panics
     /// If `channels` does not have `SIDE * SIDE * CHANNELS` values.

@@ -1,10 +1,10 @@
 //! Statistics of an image on the disk of normals: its brightness by region, and its contrast by
 //! scale.
 //!
-//! The contrast of natural light decreases from coarse to fine scales in a known way, and the lobe
-//! of a material removes details finer than itself (Fleming et al. 2003; Dror et al. 2004).
-//! Explicit statistics spare the network from learning squares, sums and logarithms. They are
-//! invariant to the scale of the image, to rotations by 90 degrees and to mirroring.
+//! The contrast of natural light decreases from coarse to fine scales in a known way. The lobe of a
+//! material removes details finer than itself (Fleming et al. 2003; Dror et al. 2004). Explicit
+//! statistics spare the network from learning squares, sums and logarithms. They are invariant to
+//! the scale of the image, to rotations by 90 degrees and to mirroring.
 
 use std::ops::Range;
 use std::sync::LazyLock;
@@ -38,14 +38,20 @@ pub(super) const STATISTICS: usize = QUANTILES.len()
 
 /// Computes statistics of values over their mean in observed cells, each of the order of one.
 ///
-/// In order: quantiles of the logarithm; mean, standard deviation, smallest and largest logarithm
-/// in each ring; the logarithm of the mean square of the detail finer than the cells, in each
-/// region; then, for the values and again for their logarithm: for each scale and region the
-/// logarithm of the mean square of the detail, its skewness, the logarithm of its kurtosis, its
-/// largest and smallest value; for each scale but the finest the correlation of its magnitude and
-/// of its signed value with those of the next finer scale; and for some scales and each region the
-/// logarithms of the mean squares of the radial and the tangential slope. Statistics without
-/// observations are zero.
+/// The statistics are, in this order:
+///
+/// * quantiles of the logarithm;
+/// * in each ring, the mean, standard deviation, smallest and largest logarithm;
+/// * in each region, the logarithm of the mean square of the detail finer than the cells;
+/// * in each region, the logarithm of the mean square of the detail, its skewness, the logarithm of
+///   its kurtosis, its largest and its smallest value;
+/// * except at the finest scale, the correlations of the magnitude of the detail and of its signed
+///   value with those of the next finer scale;
+/// * at some scales and in each region, the logarithms of the mean squares of the radial and the
+///   tangential slope.
+///
+/// The last three items follow for each scale, first of the values and then of their logarithm.
+/// Statistics without observations are zero.
 ///
 /// `relative`, `fine` (the finer detail, where known) and `weights` are those of the cells, row by
 /// row; cells without weight are ignored.

@@ -104,8 +104,8 @@ enum Sample {
 /// The result does not depend on the number of threads.
 ///
 /// Each channel of a pixel is the mean of the radiances of its exposures, weighted by inverse
-/// variances: the slope of the response and the time convert an error of one code into an error of
-/// radiance. Clipped and black codes have no weight.
+/// variances. These follow from the slope of the response and the time, which convert an error of
+/// one code into an error of radiance. Clipped and black codes have no weight.
 ///
 /// # Errors
 /// [`BracketError::Times`] and [`BracketError::Motion`] if exposures contradict their times or each

@@ -6,13 +6,13 @@
 //! best `ln E_i` given `g` is a weighted mean, which leaves normal equations in `g` alone.
 //! Differences from the paper:
 //!
-//! * an equation is weighted by the inverse variance of `g(z)` under noise of the code, with the
-//!   slope of a typical camera curve, and again by its residual (Cauchy), so that pixels that moved
-//!   or were clipped in between lose their influence;
-//! * smoothness is imposed on `g` over the logarithm of the code, where every power law is
-//!   straight: where the data do not determine the curve, mainly near black, the local power law
-//!   continues it;
-//! * isotonic regression makes the curve increase.
+//! * Each equation is weighted by the inverse variance of `g(z)` under noise of the code, with the
+//!   slope of a typical camera curve. It is weighted again by its residual (Cauchy), so that pixels
+//!   that moved or were clipped in between lose their influence.
+//! * Smoothness is imposed on `g` over the logarithm of the code, where every power law is
+//!   straight. Where the data do not determine the curve, mainly near black, the local power law
+//!   continues it.
+//! * Isotonic regression makes the curve increase.
 
 use faer::Mat;
 use rayon::prelude::*;

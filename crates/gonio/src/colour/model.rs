@@ -24,9 +24,11 @@ const FREE_VARIANCE: f64 = 25.0;
 /// cent.
 const GIVEN: f64 = 0.02;
 
-/// Factor on the deviations of draws of the differences, blind and under a known light: photographs
-/// and materials differ from the simulated ones, the posterior under a known light is the Gaussian
-/// of one linearisation, and neither light nor table is exact (`gonio-eval calibration`).
+/// Factor on the deviations of draws of the differences, blind and under a known light.
+///
+/// Three errors require it (`gonio-eval calibration`). Photographs and materials differ from the
+/// simulated ones. The posterior under a known light is the Gaussian of one linearisation. Neither
+/// light nor table is exact.
 pub(crate) const DRAW_INFLATION: f64 = 1.5;
 
 /// Degrees of freedom of Student's distribution of these draws: some materials differ far more than

@@ -107,9 +107,9 @@ impl LitEstimate {
 
 /// Returns the width (radians) over which a highlight spreads the light of a point.
 ///
-/// It is four times the half angle at which the table falls to half of its peak: the lobe extends
-/// to both sides, and a rotation of the half vector rotates the mirror direction by twice the
-/// angle. Infinite without a highlight.
+/// It is four times the half angle at which the table falls to half of its peak. The factor is four
+/// because the lobe extends to both sides, and a rotation of the half vector rotates the mirror
+/// direction by twice the angle. The width is infinite without a highlight.
 fn highlight(table: &BivariateTable) -> f64 {
     let peak = table.eval(0.0, 0.0);
     if peak < 4.0 * table.eval(1.0, 0.0) {

@@ -14,9 +14,11 @@ pub enum Reason {
     Light,
 }
 
-/// Residual that a light of 32 x 32 texels leaves of a clean simulated photograph, as a function of
-/// the logarithm of the [gloss](Material::gloss), interpolated linearly: about the 95 % quantile
-/// over left-out materials in left-out lights (`gonio-eval folds`, docs/trials.md).
+/// Residual that a light of 32 x 32 texels leaves of a clean simulated photograph.
+///
+/// It is a function of the logarithm of the [gloss](Material::gloss), interpolated linearly. The
+/// values are about the 95 % quantile over left-out materials in left-out lights, from
+/// `gonio-eval folds` (docs/trials.md).
 const RESOLUTION: [(f64, f64); 5] = [(0.0, 0.05), (2.0, 0.08), (5.0, 0.22), (7.0, 0.45), (10.0, 0.45)];
 
 /// Ratio of the misfit to the expected one above which it is reported.

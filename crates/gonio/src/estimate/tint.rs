@@ -58,8 +58,8 @@ pub struct Tint {
     /// The light in linear RGB, with the luminance of [`Light::grid`].
     pub grid: LightGrid,
     /// Root mean square difference between the chroma of the photograph and that of the BRDF in a
-    /// light of uniform colour, along the blue-orange and the green-magenta axis, in natural
-    /// logarithms. It excludes the noise of single pixels.
+    /// light of uniform colour. The two values are those along the blue-orange and the
+    /// green-magenta axis, in natural logarithms. They exclude the noise of single pixels.
     pub apart: [f64; 2],
     /// Root mean square residual of the channels, given BRDF and coloured light, relative to the
     /// photograph.

@@ -1,9 +1,9 @@
 //! Switches of light coefficients between the components of their mixtures.
 //!
 //! For coefficients that the image does not determine, `C_KL` has a local minimum at nearly every
-//! assignment to components: the expected square of a coefficient that starts in a wide component
-//! keeps that component responsible. For each coefficient, coordinate descent from every component
-//! finds the best of these minima.
+//! assignment to components. If a coefficient starts in a wide component, its expected square keeps
+//! that component responsible. For each coefficient, coordinate descent from every component finds
+//! the best of these minima.
 
 use super::ensemble::AllMoments;
 use super::expectations::{Expectations, expected_precision};

@@ -254,8 +254,8 @@ fn gradient_matches_finite_differences_of_the_density() {
 /// Compares the exact posterior with both solvers on one problem.
 ///
 /// The DC of the light is fixed, but the image determines the pair `(f, g)` only up to a common
-/// scale: the priors leave a ridge `g f = const` along which the exact posterior spreads over a
-/// factor of two, whereas a separable q covers a small part of it. The compared quantities are
+/// scale. The priors leave a ridge `g f = const`, along which the exact posterior spreads over a
+/// factor of two. A separable q covers a small part of the ridge. The compared quantities are
 /// therefore constant along the ridge: `f / |f|`, `g f`, the light, the noise.
 ///
 /// Across the ridge, with at least 50 pixels per unknown, the posterior is nearly Gaussian. A

@@ -91,11 +91,11 @@ impl State {
 ///
 /// It grows or shrinks a bracket from the last step, then fits parabolas.
 ///
-/// In the paper's variables `(u/w, log 1/w)` the parallel update is not always a direction of
-/// descent: immediately after the noise is lowered, all precisions grow by a large factor, and the
-/// search stalls. In the natural parameters `(u/w, 1/w)`, it always is, since the gradient of
-/// `C_KL` is the Fisher matrix times `Phi - Phi*`. A failed search is therefore repeated along that
-/// line.
+/// In the paper's variables `(u/w, log 1/w)`, the parallel update is not always a direction of
+/// descent. Immediately after the noise is lowered, all precisions grow by a large factor, and the
+/// search stalls. In the natural parameters `(u/w, 1/w)`, the update is always a direction of
+/// descent, since the gradient of `C_KL` is the Fisher matrix times `Phi - Phi*`. A failed search
+/// is therefore repeated along that line.
 struct LineSearch {
     alpha: f64,
     /// Whether to search along the update only.

@@ -38,9 +38,10 @@ impl Hyper {
     }
 }
 
-/// Root mean square of the model's error relative to that of the image: with the true light, on a
-/// 32 x 32 grid, rank-10 reflectance leaves 3 to 7 % of the images of matte and satin materials
-/// unexplained.
+/// Root mean square of the model's error relative to that of the image.
+///
+/// With the true light on a 32 x 32 grid, rank-10 reflectance leaves 3 to 7 % of the images of
+/// matte and satin materials unexplained.
 pub const MODEL_ERROR: f64 = 0.05;
 
 /// Error in building a problem.

@@ -6,10 +6,10 @@
 //! the axes. The light map may be rotated by a few degrees, and its brightest pixels may be
 //! clipped; the fit estimates rotation and true brightness together with the table.
 //!
-//! The error of the logarithm of the image has two parts, both estimated from the image: a smooth
-//! part, because bivariate tables and light maps are inexact, and an independent part with heavy
-//! tails. Gauss-Newton steps from the best of a thousand materials of the prior find the most
-//! probable table, and the posterior is the Gaussian around it (Laplace's approximation). The
+//! The error of the logarithm of the image has two parts, both estimated from the image. One part
+//! is smooth, because bivariate tables and light maps are inexact. The other part is independent,
+//! with heavy tails. Gauss-Newton steps from the best of a thousand materials of the prior find the
+//! most probable table, and the posterior is the Gaussian around it (Laplace's approximation). The
 //! learnt posterior of the same photograph is an additional likelihood.
 //!
 //! The paper's estimate under a known light, coefficients of ten functions, is
@@ -116,7 +116,7 @@ impl<'a> Materials<'a> {
     /// Selects from materials of the prior, given by their coordinates.
     ///
     /// # Panics
-    /// If there are none.
+    /// If there are no materials.
     pub fn of(coordinates: &'a Coordinates, places: &[Vec<f64>]) -> Self {
         assert!(!places.is_empty(), "at least one material is required");
         let some =

@@ -15,8 +15,8 @@
 //! a variational bound. Expectation maximisation raises it: it alternates between the exact
 //! Gaussian posterior of the light given `r` and the optimal `r` given its `<l_m^2>`. The bound is
 //! an equality for mixtures of one component. The rectified prior of the coarsest vertical
-//! coefficient is exact too: its integral is that of the whole Gaussian times the ratio of the
-//! masses above the threshold after and before the image.
+//! coefficient is exact too. Its integral is that of the whole Gaussian times a ratio: the mass
+//! above the threshold after the image over the mass above it before the image.
 //!
 //! The bound has a local maximum for every choice of components, most of them far too low. The
 //! ascent therefore includes component switches: every coefficient takes the components that are

@@ -55,10 +55,10 @@ impl LightInference<'_> {
     /// exposure of the posterior, by expectation propagation with a bound at every texel. The
     /// scales, which determine `D`, are then re-estimated from the expected squares of that light.
     ///
-    /// The exposure is re-estimated with the light, since raising negative texels to zero must be
-    /// compensated elsewhere: the DC coefficient of `g l / g_0` is free, with its constant as mean
-    /// and standard deviation. The threshold of a rectified prior is omitted, since it follows from
-    /// the non-negativity of the lights that the prior was learnt from.
+    /// The exposure is re-estimated with the light, to compensate for the increase of negative
+    /// texels to zero. The DC coefficient of `g l / g_0` is therefore free, with its constant as
+    /// mean and standard deviation. The threshold of a rectified prior is omitted, since it follows
+    /// from the non-negativity of the lights that the prior was learnt from.
     ///
     /// # Errors
     /// If values overflow.

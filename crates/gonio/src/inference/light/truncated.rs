@@ -38,8 +38,8 @@ pub(super) struct Truncated {
     pub(super) steps: usize,
 }
 
-/// Initial share of the way to its new value that every site moves. Simultaneous full steps of all
-/// sites would overshoot.
+/// Initial damping: the share of the distance to its new value by which every site moves.
+/// Simultaneous full steps of all sites would overshoot.
 const DAMPING: f64 = 0.7;
 
 /// Smallest damping.
@@ -47,11 +47,11 @@ const LEAST_DAMPING: f64 = 0.2;
 
 /// Approximates `exp(-x'Hx / 2 + c'x)` on `x >= 0` by a Gaussian.
 ///
-/// The method is expectation propagation of all sites at once: each mean and variance is that of
-/// the Gaussian with the exact bound in place of its site (Minka 2001, "Expectation propagation for
-/// approximate Bayesian inference", UAI; for truncated Gaussians Cunningham, Hennig and
-/// Lacoste-Julien 2011, arXiv:1111.6832). Each step takes one factorisation and its inverse. The
-/// iteration ends when the means change by no more than `tolerance` of their norm, or after
+/// The method is expectation propagation of all sites at once (Minka 2001, "Expectation propagation
+/// for approximate Bayesian inference", UAI). Cunningham, Hennig and Lacoste-Julien (2011,
+/// arXiv:1111.6832) apply it to truncated Gaussians. Each mean and variance is that of the Gaussian
+/// with the exact bound in place of its site. Each step takes one factorisation and its inverse.
+/// The iteration ends when the means change by no more than `tolerance` of their norm, or after
 /// `max_steps`, at least one; `sites` holds the last state.
 ///
 /// Returns `None` if `h` (n x n, symmetric) is not finite and positive definite.
@@ -130,7 +130,7 @@ mod tests {
     /// Compares with sums over a fine grid, for correlations of both signs and means on both sides
     /// of the bounds.
     #[test]
-    fn two_dependent_values_are_near() {
+    fn two_dependent_values_are_accurate() {
         for (correlation, c) in [(0.8, [0.5, -1.0]), (-0.8, [1.0, 0.3]), (0.5, [-2.0, -2.0]), (-0.9, [-1.0, 2.0])] {
             let h = Mat::from_fn(2, 2, |i, j| if i == j { 1.0 } else { correlation });
             let (mut mass, mut first) = (0.0, [0.0; 2]);

@@ -53,11 +53,12 @@ pub(crate) struct FoundCircle {
 /// the rim by robust least squares, without points far off (a stand, a finger).
 ///
 /// # Errors
-/// [`SceneError::EmptyMask`]; [`SceneError::MaskEverywhere`]; [`SceneError::TooSmall`] for a radius
-/// under 8 pixels; [`SceneError::ShortOutline`] when the visible outline spans less than 75
-/// degrees; [`SceneError::Elliptic`] when the shorter axis is under 0.95 of the longer;
-/// [`SceneError::NotACircle`] when the outline deviates by more than half a pixel plus 3 % of the
-/// radius, or when more than 30 % of it lies far off.
+/// * [`SceneError::EmptyMask`] and [`SceneError::MaskEverywhere`].
+/// * [`SceneError::TooSmall`] for a radius under 8 pixels.
+/// * [`SceneError::ShortOutline`] when the visible outline spans less than 75 degrees.
+/// * [`SceneError::Elliptic`] when the shorter axis is under 0.95 of the longer.
+/// * [`SceneError::NotACircle`] when the outline deviates by more than half a pixel plus 3 % of the
+///   radius, or when more than 30 % of it lies far off.
 pub(crate) fn find_sphere(coverage: &Plane<f32>) -> Result<FoundCircle, SceneError> {
     let (ball, rim) = ball_and_rim(coverage)?;
     let too_small = |radius| SceneError::TooSmall { radius, least: LEAST_RADIUS };
@@ -203,7 +204,7 @@ mod tests {
     }
 
     #[test]
-    fn full_balls_are_found_to_a_fraction_of_a_pixel() {
+    fn locates_full_balls_to_a_fraction_of_a_pixel() {
         for (centre, radius) in [((60.3, 55.8), 41.7), ((64.0, 64.0), 50.0), ((30.5, 70.2), 8.4), ((62.1, 61.9), 57.5)]
         {
             let soft = check(&ellipse((128, 128), centre, (radius, radius), true), centre, radius, 0.02);
@@ -214,7 +215,7 @@ mod tests {
     }
 
     #[test]
-    fn cropped_balls_are_completed() {
+    fn completes_cropped_balls() {
         for (centre, radius) in [((10.0, 60.0), 50.0), ((64.0, 64.0), 75.0), ((0.0, 0.0), 80.0), ((64.0, 120.0), 70.0)]
         {
             let found = check(&ellipse((128, 128), centre, (radius, radius), true), centre, radius, 0.1);

@@ -44,7 +44,7 @@ impl Fate {
 
     /// Returns the fault of a colour, if any.
     ///
-    /// A channel may be negative while the luminance is positive: colours outside the gamut of a
+    /// A channel may be negative while the luminance is positive. Colours outside the gamut of a
     /// file's primaries and the ringing of a resampler produce such pixels, and their luminance is
     /// correct. Zero in all channels is valid black: renderings of dark metals have it wherever the
     /// light is black. No surface has negative luminance.

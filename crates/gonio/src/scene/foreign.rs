@@ -193,7 +193,7 @@ fn solve_three(rows: [[f64; 3]; 3], right: [f64; 3]) -> Option<[f64; 3]> {
     sound.then(|| (matrix.inverse() * DVec3::from_array(right)).to_array())
 }
 
-/// Detects the pixels of another colour that can be ignored safely; `None` if there are none.
+/// Detects the pixels of another colour that can be ignored safely; `None` without such pixels.
 pub(super) fn foreign(
     rgb: &Plane<Vec3>,
     usable: &dyn Fn((usize, usize)) -> bool,

@@ -54,8 +54,8 @@ impl Observations {
     /// Observes a surface of any shape.
     ///
     /// If more than [`ObservationSettings::normals`] covered pixels face the camera, they are
-    /// thinned evenly: the directions are divided into cells of equal area, and each cell provides
-    /// the same number of pixels, or all it has, spread over the picture. The points are the pixels
+    /// thinned evenly. The directions are divided into cells of equal area. Each cell provides the
+    /// same number of pixels, or all it has, spread over the picture. The points are the pixels
     /// whose normal is less than [`ObservationSettings::max_angle`] from the view. They depend on
     /// shape and coverage, not on the radiance.
     ///
@@ -66,12 +66,13 @@ impl Observations {
     /// the reliability of the others.
     ///
     /// # Errors
-    /// [`SceneError::Sizes`]; [`SceneError::NoNormals`]; [`SceneError::NotUnit`] when more than 2 %
-    /// of the normals are off by more than 0.05 in length; [`SceneError::FacingAway`] when more
-    /// than 2 % face away from the camera; [`SceneError::TooFewPoints`] when fewer than 50 points
-    /// have a value; [`SceneError::TooFlat`] when there are fewer than 50 different directions;
-    /// [`SceneError::BadPixels`] when more than half of the points before thinning are faulty;
-    /// [`SceneError::Black`].
+    /// * [`SceneError::Sizes`], [`SceneError::NoNormals`] and [`SceneError::Black`].
+    /// * [`SceneError::NotUnit`] when more than 2 % of the normals are off by more than 0.05 in
+    ///   length.
+    /// * [`SceneError::FacingAway`] when more than 2 % face away from the camera.
+    /// * [`SceneError::TooFewPoints`] when fewer than 50 points have a value.
+    /// * [`SceneError::TooFlat`] when there are fewer than 50 different directions.
+    /// * [`SceneError::BadPixels`] when more than half of the points before thinning are faulty.
     pub fn of_view(
         picture: &Picture,
         surface: &SurfaceView<'_>,

@@ -36,8 +36,8 @@ pub struct ObservationSettings {
     /// contains little information.
     pub max_angle: f64,
     /// Angle from the vertical axis (+y or -y of the camera) within which normals of a sphere are
-    /// dropped, in radians: the poles of the paper's map of the sphere, where a Haar square is a
-    /// poor approximation. Zero drops none.
+    /// dropped, in radians. At these poles of the paper's map of the sphere, a Haar square is a
+    /// poor approximation. Zero drops no normals.
     #[serde(default)]
     pub pole_angle: f64,
     /// Radiance at or above which a channel is clipped (for integer pictures, the full scale).
@@ -250,9 +250,9 @@ impl Observations {
     /// Observes a sphere whose outline is `circle`, at the points of [`sphere_points`].
     ///
     /// A value is the bilinear interpolation of the picture at the projection of the point. It is a
-    /// point sample even if the picture is finer than the lattice: a mean over a cell of the
-    /// lattice (1.3 degrees) would make highlights of half a degree wider and dimmer, and the
-    /// operator, which evaluates the reflectance at one normal per point, could not explain them.
+    /// point sample even if the picture is finer than the lattice. A mean over a cell of the
+    /// lattice (1.3 degrees) would make highlights of half a degree wider and dimmer. The operator,
+    /// which evaluates the reflectance at one normal per point, could not explain them.
     ///
     /// A point has no value if one of its four pixels is clipped, outside the picture, not entirely
     /// within the circle, covered by less than 0.99, or of another colour. Faulty pixels (negative

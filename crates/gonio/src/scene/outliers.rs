@@ -1,11 +1,11 @@
 //! Hot and dead pixels of sensors, and fireflies of renderers.
 //!
-//! A pixel is an outlier if, in any channel, a robust quadratic through the pixels around it
-//! misses it by far more than noise and the structure of the picture explain. Three criteria keep
-//! highlights and sharp reflections: a highlight raises the pixels next to it as well; a picture
-//! with many pixels that differ from their neighbours has a higher threshold; and if the object
-//! reflects sharply, a bright pixel may be the image of a lamp or of the sun. At most two adjacent
-//! pixels are outliers; larger groups are structure.
+//! A pixel is an outlier if, in any channel, it deviates from a robust quadratic through the pixels
+//! around it by far more than noise and structure explain. Three criteria keep highlights and sharp
+//! reflections. A highlight raises the pixels next to it as well. A picture with many pixels that
+//! differ from their neighbours has a higher threshold. If the object reflects sharply, a bright
+//! pixel may be the image of a lamp or of the sun. At most two adjacent pixels are outliers; larger
+//! groups are structure.
 
 pub(super) mod stencil;
 

@@ -17,9 +17,10 @@ const MOST_EDGE: f64 = 0.35;
 impl Observations {
     /// Computes the self-shadowing of each point ([`Self::visibility`]) on a grid of texels.
     ///
-    /// The grid has `side` x `side` texels. Points on which the edge of a shadow may lie (more than
-    /// 35 % of the sky in texels that are partly open, on a grid of 32 x 32), and points that see
-    /// less than 15 % of the sky, lose their value if at least a hundred others keep theirs.
+    /// The grid has `side` x `side` texels. Points with less than 15 % of the sky, or possibly on
+    /// the edge of a shadow, lose their value if at least a hundred others keep theirs. The edge of
+    /// a shadow may lie on a point with more than 35 % of the sky in texels that are partly open,
+    /// on a grid of 32 x 32.
     ///
     /// The points must be pixels of the picture taken by `camera`, like those of [`Self::of_view`].
     /// Without self-shadowing, nothing changes.

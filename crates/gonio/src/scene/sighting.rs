@@ -105,10 +105,10 @@ impl Sighting {
     /// background. On any other background, a ball is detected by its edges.
     ///
     /// # Errors
-    /// Errors of the outline ([`SceneError::is_of_outline`]) if the outline must be detected;
-    /// [`SceneError::Several`] and [`SceneError::Unsure`] if it is ambiguous; errors of normals and
-    /// surfaces that are inconsistent or not aligned with the object; errors of pictures with too
-    /// few valid pixels.
+    /// * Errors of the outline ([`SceneError::is_of_outline`]) if the outline must be detected.
+    /// * [`SceneError::Several`] and [`SceneError::Unsure`] if the outline is ambiguous.
+    /// * Errors of normals and surfaces that are inconsistent or not aligned with the object.
+    /// * Errors of pictures with too few valid pixels.
     pub fn of(
         picture: &Picture,
         mask: Option<Plane<f32>>,

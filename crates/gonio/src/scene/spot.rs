@@ -37,9 +37,9 @@ pub(super) struct Spotted {
 
 /// Detects the ball in a picture.
 ///
-/// The ball is the result of [`find_sphere`] in the mask, alpha channel or constant background;
-/// else the most distinct circle, which must contain the object if the background is plain except
-/// for noise.
+/// The ball is the result of [`find_sphere`] in the mask, alpha channel or constant background,
+/// else the most distinct circle. If the background is plain except for noise, this circle must
+/// contain the object.
 ///
 /// # Errors
 /// Errors of the outline; [`SceneError::Several`] for several objects without a mask;

@@ -56,7 +56,7 @@ fn fit<const N: usize>(
 /// Computes a weight in 0..=1 for each of `pixels` (row-major indices).
 ///
 /// The weight is `1 / (1 + (s^2 + t^2) / floor^2)`. `s` is the noise of pixels of similar
-/// brightness, from the residuals about local planes; `t` is the error of brightness caused by the
+/// brightness, from the residuals about local planes. `t` is the error of brightness caused by the
 /// residual of the normals about a plane and the slope of the picture. Pixels outside `region` have
 /// no value.
 pub(super) fn weights(rgb: &Plane<Vec3>, normals: &Plane<Vec3>, region: &Plane<bool>, pixels: &[usize]) -> Vec<f64> {

@@ -22,7 +22,7 @@ pub(super) struct Evidence<'a> {
 }
 
 impl<'a> Evidence<'a> {
-    /// Collects the normals; `None` if there are none.
+    /// Collects the normals; `None` for a map without normals.
     pub(super) fn of(surface: &Plane<Option<DVec3>>, settings: &'a OrientationSettings) -> Option<Self> {
         let (width, height) = surface.size();
         let all = || surface.as_slice().iter().flatten();

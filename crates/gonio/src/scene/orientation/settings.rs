@@ -7,12 +7,12 @@ use super::{Fault, Fit};
 /// Settings of the test of a normal map's channels.
 ///
 /// Each value lies between those of correct and of wrong orders of channels on maps whose order is
-/// known: a sphere, ellipsoids, a quarter of a sphere, cylinders, a relief and the built-in shapes,
-/// all of 240 pixels; a real ball, goblet and cat. "Flipped" below means x or y alone, "swapped" x
-/// with y. Most of the synthetic maps were also coded in 8, 6 and 5 bits, and given Gaussian noise
-/// of 0.02 to 0.2 in each channel. With noise of 0.02, every wrong order of the whole objects is
-/// detected; with more noise, several corrections remain, then none. No correct order was rejected
-/// at any noise.
+/// known. The synthetic maps, all of 240 pixels, are a sphere, ellipsoids, a quarter of a sphere,
+/// cylinders, a relief and the built-in shapes. The real maps are a ball, a goblet and a cat.
+/// "Flipped" below means x or y alone, "swapped" x with y. Most of the synthetic maps were also
+/// coded in 8, 6 and 5 bits, and given Gaussian noise of 0.02 to 0.2 in each channel. With noise of
+/// 0.02, every wrong order of the whole objects is detected; with more noise, several corrections
+/// remain, then none. No correct order was rejected at any noise.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct OrientationSettings {
     /// Largest share of normals that may face away under a suggested order, 0 to 1. Correct orders

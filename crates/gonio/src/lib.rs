@@ -16,9 +16,9 @@
 //!
 //! [`estimate::estimate`] performs steps 3 to 6. The steps require a [`model::Model`].
 //!
-//! The methods of the paper differ after step 2: [`transfer::Plan`] computes the bilinear operator
-//! of eq. 8, [`transfer::Plan::project`] projects an image on its leading directions,
-//! [`inference::Problem`] adds the priors, and [`inference::infer`] computes an
+//! The methods of the paper differ after step 2. [`transfer::Plan`] computes the bilinear operator
+//! of eq. 8, and [`transfer::Plan::project`] projects an image on its leading directions.
+//! [`inference::Problem`] adds the priors. [`inference::infer`] computes an
 //! [`inference::Posterior`] by Algorithm 1 ([`inference::Method::Variational`]), as the joint
 //! maximum, or under a known light.
 //!

@@ -37,7 +37,7 @@ pub enum ModelError {
         /// Groups that the scales require.
         expected: usize,
     },
-    /// Weights and variances of a mixture differ in number, or there are none.
+    /// Weights and variances of a mixture differ in number, or are missing.
     #[error("light group \"{group}\" has {weights} weights and {variances} variances")]
     Components {
         /// Label of the group.

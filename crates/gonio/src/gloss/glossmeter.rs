@@ -19,8 +19,9 @@ const STEPS: (usize, usize) = (240, 120);
 
 /// Glossmeter according to ASTM D523 (ISO 2813).
 ///
-/// It reads the light that a collimated beam at an angle to the normal sends into a receptor around
-/// the mirror direction, relative to polished black glass of refractive index 1.567, times 100.
+/// A collimated beam illuminates the surface at an angle to the normal. The reading is the light
+/// that enters a receptor around the mirror direction, relative to polished black glass of
+/// refractive index 1.567, times 100.
 ///
 /// The image of the source spans 0.75 by 2.5 degrees (in the plane of incidence by across it). The
 /// receptor is offset relative to the mirror direction of each source point; the angle of incidence

@@ -32,9 +32,9 @@ const AZIMUTHS: usize = 12;
 /// raises profile and floor equally, and a factor scales both halves equally, so the half width of
 /// a GGX lobe with a Lambertian part depends on `alpha` alone.
 ///
-/// If there are several parts, the square determines which one is the highlight: a sharp coat
-/// outweighs the slope of a bright body below it, which has more energy, and a satin lobe outweighs
-/// a spike of negligible energy on top of it, which has a higher peak.
+/// If there are several parts, the square determines which one is the highlight. A sharp coat
+/// outweighs the slope of a bright body below it, which has more energy. A satin lobe outweighs a
+/// spike of negligible energy on top of it, which has a higher peak.
 #[derive(Clone, Debug)]
 pub struct GgxWidths {
     /// Logarithms of half width and `alpha`, ascending.

@@ -7,10 +7,11 @@ use super::scenes::smooth;
 use crate::picture::Plane;
 use crate::sphere::direction_of_lat_long;
 
-/// Light of a photographer's studio, `2 height` by `height`: a large soft box above left of the
-/// camera, a strip light at the right, a small hot lamp behind the left shoulder, a window low at
-/// the back, and a dim panel low in front, in a graded room. Radiance in relative units, mean about
-/// one.
+/// Light of a photographer's studio, `2 height` by `height`, in relative units of mean about one.
+///
+/// A large soft box is above left of the camera, a strip light at the right, and a small hot lamp
+/// behind the left shoulder. A window is low at the back, and a dim panel low in front. The room
+/// around them is graded.
 pub fn studio_light(height: usize) -> EnvironmentMap {
     let unit = |x: f64, y: f64, z: f64| DVec3::new(x, y, z).normalize();
     // Centre, half width and height (lengths in the tangent plane), colour, softness of the edge.

@@ -97,8 +97,9 @@ impl ChartReading {
     /// level is detected in the photograph.
     ///
     /// # Errors
-    /// If the corners do not form a chart, are outside the photograph or too close to each other,
-    /// if too many patches are clipped, or if the colours are not those of the chart.
+    /// * The corners do not form a chart, are outside the photograph, or are too close together.
+    /// * Too many patches are clipped.
+    /// * The colours are not those of the chart.
     pub fn of(rgb: &Plane<Vec3>, corners: &Corners, clip: Option<f32>) -> Result<Self, ReferenceError> {
         Self::at(rgb, corners, Clipping::of(rgb, clip), Tolerance::GIVEN)
     }

@@ -14,7 +14,7 @@ pub(super) const REFLECTANCE_LOG_SD: f64 = 0.05;
 
 /// Standard deviation of the log irradiance of an estimated light, given a true albedo.
 ///
-/// Of 84 renderings, nine in ten deviate by less than 20.5 % (docs/references.md).
+/// Nine in ten of 84 renderings deviate by less than 20.5 % (docs/references.md).
 const ESTIMATE_LOG_SD: f64 = 0.12;
 
 /// Light on a reference.

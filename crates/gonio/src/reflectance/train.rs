@@ -16,9 +16,9 @@ pub struct TrainSettings {
     pub nmf: NmfSettings,
     /// Relative margin above the smallest cost within which starts are candidates. Default 0.01.
     ///
-    /// Of the starts whose cost is at most `1 + cost_margin` times the smallest, the one with the
-    /// smallest mean RMS error in 1/sr is selected: minima of nearly equal cost in scaled units can
-    /// differ strongly in 1/sr. Zero selects the smallest cost.
+    /// Candidates cost at most `1 + cost_margin` times the smallest cost. The candidate with the
+    /// smallest mean RMS error in 1/sr is selected, since minima of nearly equal cost in scaled
+    /// units can differ strongly in 1/sr. Zero selects the smallest cost.
     pub cost_margin: f64,
     /// Power of its largest trusted value by which each material is divided. Default 1.
     ///

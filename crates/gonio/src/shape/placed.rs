@@ -64,7 +64,7 @@ impl Placed {
 }
 
 impl Soundness {
-    /// Describes the defects of the mesh; `None` if there are none.
+    /// Describes the defects of the mesh; `None` for a mesh without defects.
     pub fn complaint(&self) -> Option<String> {
         let Self { triangles, degenerate, non_manifold_edges, inconsistent_edges, inside_out, normals_against, .. } =
             *self;

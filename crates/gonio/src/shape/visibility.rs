@@ -32,7 +32,7 @@ pub struct Visibility {
 /// Shares of one point. Most points receive all light above their horizon.
 #[derive(Clone, Debug, Default, PartialEq)]
 struct Row {
-    /// Bits of the texels that are fully blocked, 64 to a word; empty if there are none.
+    /// Bits of the texels that are fully blocked, 64 to a word; empty if no texel is fully blocked.
     blocked: Box<[u64]>,
     /// Texels that are partly open, in ascending order, with their open share in 255ths.
     partial: Box<[(u32, u8)]>,

@@ -183,7 +183,7 @@ mod tests {
     }
 
     #[test]
-    fn of_index_matches_the_support_of_each_wavelet() {
+    fn wavelets_of_indices_match_their_support() {
         let side = 16;
         let haar = Haar::new(side).unwrap();
         for index in 1..side * side {

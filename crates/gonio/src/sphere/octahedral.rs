@@ -18,8 +18,8 @@ pub enum OctahedralMap {
     /// Clarberg's map (2008): every part of the square has the same solid angle.
     ///
     /// This is the default because a Haar basis that is orthonormal on the square is then
-    /// orthonormal on the sphere, the DC coefficient is the integral of the light over the sphere,
-    /// and normalising that integral to one makes it the same constant for every light.
+    /// orthonormal on the sphere. The DC coefficient is the integral of the light over the sphere.
+    /// Normalising that integral to one makes the coefficient the same constant for every light.
     #[default]
     EqualArea,
     /// Map of Praun and Hoppe (2003), used in the paper: central projection onto an octahedron.

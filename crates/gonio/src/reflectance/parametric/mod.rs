@@ -53,7 +53,8 @@ pub trait Parametric: Sync {
 
 /// Returns the means of several values over every `step`-th `phi_d` sample of the MERL grid.
 ///
-/// Only samples with light and view above the surface count; the mean is zero if there are none.
+/// Only samples with light and view above the surface count; without such samples, the mean is
+/// zero.
 pub(crate) fn azimuth_means<const N: usize>(
     step: usize,
     values: impl Fn(DVec3, DVec3) -> [f64; N] + Sync,

@@ -44,7 +44,7 @@ pub struct Fitted<S> {
     /// Relative error of the picture of a sphere in a studio light.
     ///
     /// This is the root mean square difference between a sphere of the model and one of the table,
-    /// relative to the latter, over all channels and the normals up to 80 degrees.
+    /// relative to the latter. It covers all channels and the normals up to 80 degrees.
     pub relight: f64,
     /// Root mean square difference of the logarithms, with one percent of the mean added to both.
     pub log_relight: f64,

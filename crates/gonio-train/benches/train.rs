@@ -1,5 +1,5 @@
-//! What the training of a posterior consists of: `cargo bench -p gonio-train`. docs/performance.md
-//! holds a table of it.
+//! Times the parts of the training of a posterior: `cargo bench -p gonio-train`.
+//! docs/performance.md contains a table of the results.
 
 use std::time::Instant;
 
@@ -12,7 +12,7 @@ use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use rayon::prelude::*;
 
-/// Photographs that are taken for the time of one.
+/// Number of simulated photographs.
 const PHOTOGRAPHS: u64 = 512;
 
 /// Steps of the training.
@@ -61,7 +61,7 @@ fn timed<T>(name: &str, work: impl FnOnce() -> T) -> T {
     done
 }
 
-/// A hundred materials of a formula.
+/// Returns a hundred materials of one formula.
 fn materials() -> Vec<(String, BivariateTable)> {
     let of = |i: u32| {
         let share = |times: f64| (f64::from(i) * times).fract();

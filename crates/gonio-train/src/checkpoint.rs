@@ -1,6 +1,6 @@
 //! State of an unfinished training.
 
-/// State of a training after some steps, from which it continues as if it had not been interrupted.
+/// State of a training after some steps; a training resumed from it gives the same result.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Checkpoint {
     /// Number of completed steps.

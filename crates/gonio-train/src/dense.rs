@@ -20,13 +20,13 @@ pub(crate) struct DenseTrace {
 
 impl DenseTrace {
     pub(crate) fn outputs(&self) -> &[f32] {
-        self.vectors.last().expect("at least what went in")
+        self.vectors.last().expect("the inputs are always stored")
     }
 }
 
 impl Dense {
     /// Runs the forward pass for inputs `[sample][inputs]`. `masks` multiply the units of the
-    /// hidden layers, `[sample][units]`; without any there is no dropout.
+    /// hidden layers, `[sample][units]`; without masks there is no dropout.
     pub(crate) fn forward(&self, inputs: Vec<f32>, weights: &[Vec<f32>], masks: &[Vec<f32>]) -> DenseTrace {
         let mut trace = DenseTrace { vectors: vec![inputs], before: Vec::new() };
         for (at, layer) in self.layers.iter().enumerate() {

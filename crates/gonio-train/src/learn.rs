@@ -8,22 +8,22 @@ use rayon::prelude::*;
 
 use crate::{Checkpoint, Monitor, Photographs, TrainError, Trained, TrainingSettings, train};
 
-/// Number of photographs that the ranges of features are taken from, at most as many as the
-/// training saw.
+/// Number of photographs that determine the ranges of features, at most as many as in the training.
 const RANGED: usize = 2000;
 
 /// Index of the first of these photographs, beyond those of the training.
 const FIRST: u64 = 1 << 40;
 
-/// Number of materials that represent the prior. A quarter of them would be enough for most
-/// photographs, but would leave only a handful to the most certain posteriors (`docs/trials.md`).
+/// Number of materials that represent the prior. A quarter of them would suffice for most
+/// photographs, but would leave very few materials to the most certain posteriors
+/// (`docs/trials.md`).
 const CANDIDATES: u64 = 8192;
 
-/// Number of photographs that a loss is the mean of.
+/// Number of photographs over which a loss is averaged.
 const TESTED: usize = 1024;
 
-/// Losses of the trained encoder in nats: minus the logarithm of how much likelier an image is
-/// under its own material than under any.
+/// Losses of the trained encoder in nats: the negative logarithm of an image's likelihood under its
+/// own material over its likelihood under any material.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TrainingLosses {
     /// Mean over the photographs of the last steps of the training.
@@ -31,12 +31,12 @@ pub struct TrainingLosses {
     /// Mean over photographs of new scenes in the same lights.
     pub new_scenes: f64,
     /// Mean over photographs in lights left out of the training, if there are any. The difference
-    /// to `new_scenes` is what the encoder knows of its training lights alone.
+    /// from `new_scenes` measures overfitting to the training lights.
     pub new_lights: Option<f64>,
 }
 
-/// Learns the posterior from photographs of a stock. `left_out` is a stock of lights that are only
-/// tested with. Continues from `start`, if there is one.
+/// Learns the posterior from photographs of a stock. `left_out` is a stock of lights for testing
+/// only. The training continues from `start`, if given.
 ///
 /// # Errors
 /// If a setting is out of range, the training diverges, or `start` is from other settings.
@@ -60,9 +60,9 @@ pub fn learn(
     Ok((posterior(stock, &trained, RANGED.min(settings.steps * settings.batch)), losses))
 }
 
-/// Builds the posterior from the trained encoder and what goes with it: the measured materials,
-/// draws from the prior, the usual ranges of features over `ranged` photographs, and the widths of
-/// the prior's intervals.
+/// Builds the posterior from the trained encoder, the measured materials and draws from the prior.
+/// Also computes the usual ranges of features over `ranged` photographs, and the widths of the
+/// prior's intervals.
 fn posterior(stock: &Stock, trained: &Trained, ranged: usize) -> LearntPosterior {
     let dictionary = stock.dictionary();
     let features: Vec<Vec<f32>> = (FIRST..FIRST + ranged as u64)

@@ -1,10 +1,9 @@
 //! Trains the [`Encoder`](gonio::inference::learnt::Encoder) on an endless stream of simulated
 //! images.
 //!
-//! Forward and backward passes use the same matrix products as the encoder itself. A batch is cut
-//! into parts of a fixed size, each of which is drawn and passed forward and backward on one
-//! thread, and their gradients are summed in order: the result does not depend on the number of
-//! threads.
+//! Forward and backward passes use the same matrix products as the encoder itself. A batch is
+//! divided into parts of a fixed size. One thread draws a part and runs both passes on it. The
+//! gradients are summed in order, so that the result does not depend on the number of threads.
 
 #![deny(clippy::print_stdout, clippy::print_stderr)]
 
@@ -25,8 +24,8 @@ pub use learn::{TrainingLosses, learn};
 pub use photographs::Photographs;
 pub use train::{Monitor, PART, TrainError, Trained, TrainingSettings, train};
 
-/// An endless stream of images with the targets to be read from them. In a step of the training, an
-/// index always gives the same sample.
+/// An endless stream of images with the targets to be estimated from them. Within a step of the
+/// training, an index always gives the same sample.
 pub trait Samples: Sync {
     /// Prepares the samples of a step; called before each step.
     fn advance(&mut self, _step: usize) {}
@@ -35,11 +34,11 @@ pub trait Samples: Sync {
     fn side(&self) -> usize;
     /// Channels of the images.
     fn channels(&self) -> usize;
-    /// Number of values that come with an image.
+    /// Number of global values of an image.
     fn globals(&self) -> usize;
-    /// Number of values to be read from an image.
+    /// Number of values to be estimated from an image.
     fn dimensions(&self) -> usize;
     /// Writes one sample: the image `[side][side][channels]`, its globals and the target, both with
-    /// means near 0 and deviations near 1. All are zero before the call.
+    /// means near 0 and deviations near 1. All buffers are zero before the call.
     fn draw(&self, index: u64, image: &mut [f32], globals: &mut [f32], target: &mut [f32]);
 }

@@ -1,10 +1,11 @@
 //! Contrastive loss between images and materials.
 
-/// Sum over images of `log sum_c exp(s_c) - s_own - log(count)`, in nats, where `c` runs over the
-/// image's own material and all others, with the scores `s = u v / sqrt(width)` of the embeddings
-/// `u` of the image and `v` of a material: the negative log probability of the right material,
-/// relative to a guess (van den Oord, Li & Vinyals 2018). It is least where the score is
-/// `log p(I | F) / p(I)` up to a constant of the image.
+/// Returns the sum over images of `log sum_c exp(s_c) - s_own - log(count)`, in nats.
+///
+/// The index `c` runs over the image's own material and all others. The scores are `s = u v /
+/// sqrt(width)`, with the embeddings `u` of the image and `v` of a material. Each term is the
+/// negative log probability of the right material, relative to a guess (van den Oord, Li & Vinyals
+/// 2018). It is smallest where the score is `log p(I | F) / p(I)` up to a constant of the image.
 ///
 /// `images` and `own` are `[image][width]` and are overwritten by the gradients with respect to
 /// them; the gradient with respect to `others`, `[other][width]`, is added to `to_others`.
@@ -49,7 +50,7 @@ mod tests {
     }
 
     #[test]
-    fn a_guess_costs_nothing_and_certainty_gains_the_number_of_materials() {
+    fn the_loss_is_zero_for_a_guess_and_minus_log_count_for_certainty() {
         let loss = |image: [f32; 2], own: [f32; 2]| {
             contrast(&mut image.to_vec(), &mut own.to_vec(), &[0.0; 14], &mut [0.0; 14], 2)
         };
@@ -58,7 +59,7 @@ mod tests {
     }
 
     #[test]
-    fn the_gradient_is_that_of_the_loss() {
+    fn the_gradient_matches_the_loss() {
         let width = 3;
         let (images, own, others) = (numbers(6, 0.3), numbers(6, 1.1), numbers(15, 2.3));
         let loss = |images: &[f32], own: &[f32], others: &[f32]| {

@@ -15,9 +15,9 @@ pub(crate) struct Optimiser {
 pub(crate) struct Stride {
     /// Learning rate of this step.
     pub(crate) rate: f32,
-    /// Weight decay: share of the weights that decays, times the rate.
+    /// Weight decay: each step reduces the weights by this share times the rate.
     pub(crate) decay: f32,
-    /// Gradients longer than this are scaled down to it.
+    /// Largest norm of a gradient; longer gradients are scaled down to it.
     pub(crate) longest: f64,
     /// Share of the moving average that is kept.
     pub(crate) average: f32,
@@ -29,7 +29,7 @@ impl Optimiser {
         Self { mean: zeros.clone(), square: zeros, average: values.to_vec(), steps: 0 }
     }
 
-    /// Restores the optimiser after some steps from what [`Self::moments`] returned.
+    /// Restores the optimiser after some steps from the result of [`Self::moments`].
     pub(crate) fn resume([mean, square, average]: [Vec<f32>; 3], steps: usize) -> Self {
         Self { mean, square, average, steps: steps as i32 }
     }
@@ -61,7 +61,7 @@ impl Optimiser {
         for range in decaying {
             values[range].iter_mut().for_each(|v| *v *= 1.0 - stride.rate * stride.decay);
         }
-        // Keeps the start of a short run out of its average.
+        // Excludes the start of a short run from its average.
         let keep = stride.average.min((1 + self.steps) as f32 / (10 + self.steps) as f32);
         let moments = self.mean.iter_mut().zip(&mut self.square).zip(&mut self.average);
         for ((value, gradient), ((mean, square), average)) in values.iter_mut().zip(gradient).zip(moments) {
@@ -74,8 +74,9 @@ impl Optimiser {
     }
 }
 
-/// One-cycle schedule: share of the largest learning rate at a share of the steps, which rises over
-/// three tenths and falls over the rest, both along a cosine (Smith & Topin 2019).
+/// Returns the learning rate at a share of the steps, relative to the largest rate, by the
+/// one-cycle schedule. The rate rises over three tenths of the steps and falls over the rest, both
+/// along a cosine (Smith & Topin 2019).
 pub(crate) fn one_cycle(at: f64) -> f64 {
     let cosine = |from: f64, to: f64, t: f64| to + 0.5 * (from - to) * (1.0 + (std::f64::consts::PI * t).cos());
     if at < 0.3 { cosine(0.04, 1.0, at / 0.3) } else { cosine(1.0, 1e-5, (at - 0.3) / 0.7) }
@@ -86,7 +87,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn steps_end_at_the_least_value_and_so_does_the_average() {
+    fn values_and_their_average_converge_to_the_minimum() {
         let mut values = vec![3.0, -2.0, 8.0];
         let mut optimiser = Optimiser::new(&values);
         let steps = 800;
@@ -100,7 +101,7 @@ mod tests {
     }
 
     #[test]
-    fn only_what_decays_gets_smaller_without_a_gradient() {
+    fn without_a_gradient_only_decaying_values_shrink() {
         let mut values = vec![1.0; 3];
         let mut optimiser = Optimiser::new(&values);
         let stride = Stride { rate: 0.5, decay: 0.2, longest: 5.0, average: 0.9 };

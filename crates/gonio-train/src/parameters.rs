@@ -1,7 +1,7 @@
 //! Learnt parameters, and the weights that they define.
 //!
 //! The weights of convolutions are standardised over the neighbourhood of each output and scaled by
-//! a learnt gain (Brock et al. 2021), instead of normalising activations; the last convolution of a
+//! a learnt gain (Brock et al. 2021); activations are not normalised. The last convolution of a
 //! residual block also has a small learnt factor (De & Smith 2020). The weights of dense layers are
 //! learnt directly.
 
@@ -13,13 +13,13 @@ use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64;
 use rayon::prelude::*;
 
-/// `silu` of a standard normal times this has variance one.
+/// Factor that scales `silu` of a standard normal variable to variance one.
 const SILU_GAIN: f64 = 1.788_129;
 
 /// Initial factor of residual blocks.
 const SKIP: f32 = 0.2;
 
-/// Ranges of the parameters of a layer in the vector of all.
+/// Ranges of the parameters of a layer in the vector of all parameters.
 struct Slots {
     layer: NamedLayer,
     weights: Range<usize>,
@@ -169,7 +169,7 @@ impl Slots {
     }
 
     /// Returns the gradient with respect to the layer's parameters, in their order in the vector,
-    /// given that with respect to its weights and bias.
+    /// given the gradient with respect to its weights and bias.
     fn pull(&self, values: &[f32], back: &[f32]) -> Vec<f32> {
         let mut out = back.to_vec();
         let Some(gain) = &self.gain else { return out };

@@ -1,8 +1,8 @@
 //! Forward and backward passes of the encoder for some images on one thread.
 //!
-//! The backward pass is written by hand: the tape of candle 0.11, tried first, adds each gradient
-//! to zeros, and its operations on large tensors wait for one pool of threads that all parts of a
-//! batch share; two threads were slower than one (docs/trials.md).
+//! The backward pass is written by hand. The tape of candle 0.11, tried first, adds each gradient
+//! to zeros. Its operations on large tensors wait for one pool of threads that all parts of a batch
+//! share, so that two threads were slower than one (docs/trials.md).
 
 use gonio::inference::learnt::{Convolution, EncoderShape, NamedLayer, Step, inside_disk, pool, silu, silu_backward};
 
@@ -34,7 +34,7 @@ impl Trace {
     }
 }
 
-/// Output of a layer for its input, plus `added`.
+/// Returns the output of a layer for its input, plus `added`.
 pub(crate) fn affine(g: &Convolution, weights: &[f32], input: &[f32], added: Option<&[f32]>) -> Vec<f32> {
     let (weights, bias) = weights.split_at(g.neighbourhood() * g.outputs);
     let mut out = bias.repeat(input.len() / g.input_len() * g.output_len() / g.outputs);
@@ -45,8 +45,8 @@ pub(crate) fn affine(g: &Convolution, weights: &[f32], input: &[f32], added: Opt
     out
 }
 
-/// Returns the gradient with respect to a layer's weights and bias, and adds that with respect to
-/// its input to `to_input`.
+/// Returns the gradient with respect to a layer's weights and bias, and adds the gradient with
+/// respect to its input to `to_input`.
 pub(crate) fn affine_backward(
     g: &Convolution,
     weights: &[f32],
@@ -69,8 +69,8 @@ pub(crate) fn activated(before: &[f32]) -> Vec<f32> {
     out
 }
 
-/// Adds the gradient of [`pool`]ing one image to that with respect to its activations. Of equal
-/// maxima the first takes the gradient.
+/// Adds the gradient of [`pool`] on one image to the gradient with respect to its activations. The
+/// first of equal maxima receives the gradient.
 fn pool_backward(image: &[f32], cells: &[usize], pooled: &[f32], back: &[f32], to: &mut [f32]) {
     let channels = pooled.len() / 3;
     let share = 1.0 / cells.len() as f32;
@@ -103,7 +103,7 @@ impl Layers {
 
     /// Runs the forward pass for images `[sample][side][side][channels]` and globals
     /// `[sample][globals]`. `masks` multiply the units of the hidden layers, `[sample][units]`;
-    /// without any there is no dropout.
+    /// without masks there is no dropout.
     pub(crate) fn forward(
         &self,
         images: Vec<f32>,
@@ -117,7 +117,7 @@ impl Layers {
             let convolve = |at: usize, input: &[f32], added: Option<&[f32]>| {
                 affine(&self.convolutions[at].geometry, &weights[at], input, added)
             };
-            let last = images.last().expect("at least what goes in");
+            let last = images.last().expect("the inputs are always stored");
             match *step {
                 Step::Convolve(at) => {
                     let out = convolve(at, last, None);
@@ -153,8 +153,8 @@ impl Layers {
         Trace { images, pooled, before, dense }
     }
 
-    /// Returns the gradient with respect to the weights of each layer, given that with respect to
-    /// the outputs `[sample][outputs]` and the masks of the forward pass.
+    /// Returns the gradient with respect to the weights of each layer, given the gradient with
+    /// respect to the outputs `[sample][outputs]` and the masks of the forward pass.
     pub(crate) fn backward(
         &self,
         trace: Trace,
@@ -173,7 +173,7 @@ impl Layers {
         for step in self.steps.iter().rev() {
             match *step {
                 Step::Pool => {
-                    let last = pooled.pop().expect("one for each of these steps");
+                    let last = pooled.pop().expect("one for each pooling step");
                     let g = &self.convolutions[layer - 1].geometry;
                     let (cells, each, size) = (inside_disk(g.side_after()), 3 * g.outputs, g.output_len());
                     end -= each;
@@ -187,7 +187,7 @@ impl Layers {
                 Step::Convolve(at) => {
                     let back = before_silu(&mut before[at], &now);
                     let input = &images[at];
-                    // No gradient with respect to the photograph itself is needed.
+                    // The gradient with respect to the photograph is not needed.
                     now = vec![0.0; if at == 0 { 0 } else { input.len() }];
                     let to = (at > 0).then_some(now.as_mut_slice());
                     gradients[at] = affine_backward(&self.convolutions[at].geometry, &weights[at], input, &back, to);
@@ -212,8 +212,8 @@ impl Layers {
     }
 }
 
-/// Returns the gradient before a [`silu`], given that after it. Consumes the stored values before
-/// it.
+/// Returns the gradient with respect to the input of a [`silu`], given the gradient with respect to
+/// its output. Consumes `before`, the stored input.
 pub(crate) fn before_silu(before: &mut Vec<f32>, back: &[f32]) -> Vec<f32> {
     let mut values = std::mem::take(before);
     silu_backward(&mut values, back);

@@ -73,7 +73,7 @@ fn small() -> TrainingSettings {
 }
 
 #[test]
-fn the_gradient_is_that_of_the_loss() {
+fn the_gradient_matches_the_loss() {
     for drop in [0.0, 0.3] {
         let model = Model::new(&SMALL, &TrainingSettings { drop, ..small() }).unwrap();
         let values = model.parameters.random(7);
@@ -81,9 +81,10 @@ fn the_gradient_is_that_of_the_loss() {
         let batch = Batch { samples: &SMALL, first: 5, count: PART + 3, others: &others, seed: 3 };
         let gradient = model.learn(&values, batch).gradient;
         assert_eq!(gradient.len(), values.len());
-        // Tensor by tensor, along its gradient: single entries are below the rounding of the loss.
+        // Check each tensor along its gradient: the effect of a single entry is below the rounding
+        // of the loss.
         let ranges = model.parameters.ranges();
-        // The last bias adds the same to the scores of all materials, and has no gradient.
+        // The last bias adds the same value to the scores of all materials, and has no gradient.
         for range in &ranges[..ranges.len() - 1] {
             let length = gradient[range.clone()].iter().map(|g| f64::from(*g).powi(2)).sum::<f64>().sqrt();
             assert!(length > 1e-4, "{range:?}");
@@ -97,7 +98,7 @@ fn the_gradient_is_that_of_the_loss() {
             let numeric = (moved(step) - moved(-step)) / (2.0 * step);
             assert!((numeric - length).abs() < 0.01 * length + 3e-4, "{range:?}: {numeric} {length}");
         }
-        // Along random directions through all of them.
+        // Check random directions in the space of all parameters.
         for direction in 0..10 {
             let way: Vec<f32> = (0..values.len()).map(|at| uniform(at as u64, direction)).collect();
             let moved = |step: f32| {
@@ -113,7 +114,7 @@ fn the_gradient_is_that_of_the_loss() {
 }
 
 #[test]
-fn the_exported_encoder_gives_what_training_saw() {
+fn the_exported_encoder_matches_the_forward_pass() {
     let settings = TrainingSettings { drop: 0.0, ..small() };
     let model = Model::new(&SMALL, &settings).unwrap();
     assert!(model.shape.steps().contains(&Step::Pool));
@@ -158,20 +159,20 @@ fn loss_of(trained: &Trained, first: u64, count: usize) -> f64 {
 }
 
 #[test]
-fn what_is_visible_is_learnt() {
+fn training_learns_visible_targets() {
     let (steps, hidden) = (300, vec![32, 32]);
     let settings = TrainingSettings { steps, batch: 32, rate: 5e-3, drop: 0.0, average: 0.98, hidden, ..small() };
     let trained = train(&settings).unwrap();
-    // The loss is 0 without knowledge, and -log 200 = -5.3 with certainty.
+    // The loss is 0 for a guess, and -log 200 = -5.3 for certainty.
     let loss = loss_of(&trained, 1_000_000, 200);
     assert!(loss < -2.5, "{loss}");
-    // Among 50 others, certainty is -log 51 = -3.9.
+    // Among 50 others, the loss for certainty is -log 51 = -3.9.
     let among = trained.loss(&SMALL, 1_000_000, 200);
     assert!((-3.9..-1.5).contains(&among), "{among}");
 }
 
 #[test]
-fn wrong_settings_and_samples_are_told() {
+fn rejects_wrong_settings_and_reports_divergence() {
     let wrong = [
         TrainingSettings { drop: 1.0, ..small() },
         TrainingSettings { embedding: 0, ..small() },

@@ -35,11 +35,12 @@ pub struct TrainingSettings {
     pub drop: f64,
     /// Dimensions of an embedding.
     pub embedding: usize,
-    /// Number of materials that each image's own is contrasted with: those of the preceding images.
+    /// Number of materials with which each image's own material is contrasted: those of the
+    /// preceding images.
     pub others: usize,
     /// Units of the hidden layers between a material and its embedding.
     pub materials: Vec<usize>,
-    /// Largest norm of a gradient; longer ones are scaled down to it.
+    /// Largest norm of a gradient; longer gradients are scaled down to it.
     pub longest: f64,
     /// Share of the moving average of the weights that is kept in each step; the average is the
     /// result of the training.
@@ -85,8 +86,8 @@ pub enum TrainError {
     /// The encoder cannot be built or exported.
     #[error(transparent)]
     Encoder(#[from] EncoderError),
-    /// The loss or its gradient is not finite, because of a sample that is not finite or too large
-    /// a rate.
+    /// The loss or its gradient is not finite, because a sample is not finite or the learning rate
+    /// is too large.
     #[error("the loss is not finite at step {step}")]
     Diverged {
         /// Step, counted from zero.
@@ -123,8 +124,8 @@ impl Part {
 /// Number of materials that one thread embeds together.
 const ROWS: usize = 128;
 
-/// Bound of the coordinates of materials, in deviations: those of a formula may be arbitrarily
-/// large.
+/// Bound of the coordinates of materials, in deviations: coordinates of a formula may be
+/// arbitrarily large.
 const REACH: f32 = 8.0;
 
 fn bounded(places: &[f32]) -> Vec<f32> {
@@ -140,9 +141,9 @@ pub(crate) struct Model {
     drop: f64,
 }
 
-/// Result of a training: an encoder of images, and the embedding of materials that goes with it.
+/// Result of a training: an encoder of images, and the matching embedding of materials.
 pub struct Trained {
-    /// Encoder of an image as its embedding.
+    /// Encoder of an image; the output is the embedding.
     pub encoder: Encoder,
     model: Model,
     /// Weights of the embedding of materials.
@@ -160,14 +161,14 @@ impl Trained {
         trace.outputs().iter().map(|v| scale * v).collect()
     }
 
-    /// Computes the mean loss in nats, as in training but without dropout, of `count` samples from
-    /// `first` on, whose materials are contrasted with the last ones of the training.
+    /// Computes the mean loss in nats of `count` samples from `first` on, as in training but
+    /// without dropout. Their materials are contrasted with the last materials of the training.
     pub fn loss(&self, samples: &dyn Samples, first: u64, count: usize) -> f64 {
         self.model.learn(&self.values, Batch { samples, first, count, others: &self.others, seed: 0 }).loss
     }
 }
 
-/// A batch of samples, and the materials of others.
+/// A batch of samples, and the materials of other samples.
 #[derive(Clone, Copy)]
 pub(crate) struct Batch<'a> {
     pub(crate) samples: &'a dyn Samples,
@@ -184,7 +185,7 @@ pub(crate) struct Batch<'a> {
 pub(crate) struct Lesson {
     /// Mean loss of the samples.
     pub(crate) loss: f64,
-    /// Its gradient with respect to all parameters.
+    /// Gradient of the mean loss with respect to all parameters.
     pub(crate) gradient: Vec<f32>,
     /// Coordinates of the samples' materials, one after the other.
     pub(crate) places: Vec<f32>,
@@ -321,9 +322,9 @@ fn sum<'a>(vectors: impl Iterator<Item = &'a [f32]>, length: usize) -> Vec<f32> 
 
 /// Observer of a training.
 pub struct Monitor<'a> {
-    /// Called after each step with the share of the steps done and the loss of the step, in nats:
-    /// the negative logarithm of how much likelier each image is under its own material than under
-    /// any of them.
+    /// Called after each step with the share of completed steps and the loss of the step in nats.
+    /// The loss is the negative logarithm of an image's likelihood under its own material over its
+    /// likelihood under any of the materials.
     pub progress: &'a (dyn Fn(f64, f64) + Sync),
     /// Called after each step; calls its argument if it is time to keep a [`Checkpoint`].
     pub keep: &'a dyn Fn(&dyn Fn() -> Checkpoint),
@@ -336,11 +337,12 @@ impl<'a> Monitor<'a> {
     }
 }
 
-/// Fits an encoder and the embedding of materials to the samples: step `i` uses those from `i *
-/// batch` on, and contrasts their materials with those of the `settings.others` samples before.
-/// Continues from `start`, if there is one; the result is the same. Also returns the loss of each
-/// step. Runs on the threads of rayon's pool; the result is deterministic for the seed, whatever
-/// their number.
+/// Fits an encoder and the embedding of materials to the samples.
+///
+/// Step `i` uses the samples from `i * batch` on, and contrasts their materials with those of the
+/// `settings.others` preceding samples. The training continues from `start`, if given, with the
+/// same result. Also returns the loss of each step. The training runs on the threads of rayon's
+/// pool. The result depends on the seed, but not on the number of threads.
 ///
 /// # Errors
 /// If a setting is out of range, the loss is not finite, or `start` is from other settings.

@@ -8,7 +8,7 @@ use gonio::simulation::{Stock, StockSettings};
 use gonio::sphere::direction_of_lat_long;
 use gonio_train::{Monitor, Photographs, TrainingSettings, learn};
 
-/// A sky with a lamp whose place, width and power depend on the number.
+/// A sky with a lamp whose position, width and power depend on the number.
 fn light(number: u32) -> EnvironmentMap {
     let turn = f64::from(number) * 2.4;
     let lamp = DVec3::new(turn.cos(), 0.6, turn.sin()).normalize();
@@ -57,16 +57,16 @@ fn settings(steps: usize) -> TrainingSettings {
 }
 
 #[test]
-fn photographs_tell_their_materials() {
+fn embeddings_identify_the_materials_of_new_photographs() {
     let mut stock = stock(4);
     assert_eq!(stock.scenes(), 3 * 12);
     let monitor = Monitor::new(&|_, _| ());
     let (posterior, losses) = learn(&mut stock, Some(other(4)), &settings(60), None, &monitor).unwrap();
     assert!(losses.training < -0.5 && losses.new_scenes < -0.1, "{losses:?}");
-    // Four lights are too few for others.
+    // Four lights are too few to generalise to other lights.
     assert!(losses.new_lights.unwrap() > losses.new_scenes, "{losses:?}");
-    // The embeddings tell the materials of photographs that were not learnt from, and none of these
-    // photographs is unusual.
+    // The embeddings identify the materials of photographs outside the training, and no photograph
+    // is out of distribution.
     let (mut along, mut strange, mut certain) = (0.0, 0.0, 0.0);
     let unseen = (1 << 41)..(1 << 41) + 60;
     for number in unseen {
@@ -84,7 +84,7 @@ fn photographs_tell_their_materials() {
 }
 
 #[test]
-fn a_seed_makes_one_posterior_whatever_the_threads() {
+fn the_encoder_does_not_depend_on_the_number_of_threads() {
     let run = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| {

@@ -51,7 +51,7 @@ pub enum Fit {
 ///
 /// # Errors
 /// If the file cannot be read, a line does not parse (the message has its number), a material
-/// occurs twice, or there is none.
+/// occurs twice, or the file has no materials.
 pub fn read_fits(path: impl AsRef<Path>) -> Result<Vec<(String, Fit)>, Error> {
     let path = path.as_ref();
     decode(path, &guard::read_whole(path, 1 << 24)?)

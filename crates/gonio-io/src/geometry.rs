@@ -50,8 +50,8 @@ pub fn place_of(value: DVec3) -> Option<DVec3> {
 /// ray.
 ///
 /// # Errors
-/// If the file cannot be read, is damaged, has a format that cannot store depths, stores integers
-/// of 8 bits or without a range, has no surface at all, or has too many pixels.
+/// If the file cannot be read, is damaged, has no surface at all, or has too many pixels. Also if
+/// its format cannot store depths, or if it stores integers of 8 bits or without a range.
 pub fn read_depth(path: impl AsRef<Path>, options: &DepthOptions) -> Result<Plane<Option<f64>>, Error> {
     let path = path.as_ref();
     decode_depth(path, &guard::read_whole(path, options.read.max_bytes())?, options)

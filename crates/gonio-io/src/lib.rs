@@ -17,10 +17,10 @@
 //! * [`folder`]: listing of folders; [`atomic`]: output that appears complete or not at all;
 //! * [`cache`], [`plan`]: computed plans kept between runs.
 //!
-//! Invariants: no input makes this crate panic; sizes are checked before memory is allocated; an
-//! [`Error`] always names the file, the problem and the remedy, on one line; this crate never
-//! prints anything (it catches panics of third-party decoders on damaged files, but the panic hook
-//! has printed its message by then).
+//! Invariants: no input makes this crate panic; sizes are checked before memory is allocated. An
+//! [`Error`] always names the file, the problem and the remedy, on one line. This crate never
+//! prints anything. It catches panics of third-party decoders on damaged files, but the panic hook
+//! has printed its message by then.
 
 #![deny(clippy::print_stdout, clippy::print_stderr)]
 

@@ -2,8 +2,8 @@
 //!
 //! A file holds three little-endian 32-bit integers, 90 90 180, then three channels of 90 x 90 x
 //! 180 doubles with `theta_h` slowest and `phi_d` fastest. A value times 1, 1.15 or 1.66 (red,
-//! green, blue) over 1500 is in 1/sr; a negative value marks a missing one: below the horizon and,
-//! in the original files, in a few other cells.
+//! green, blue) over 1500 is in 1/sr. A negative value marks a missing value: below the horizon
+//! and, in the original files, in a few other cells.
 
 use std::io::{BufReader, Read};
 use std::path::{Path, PathBuf};

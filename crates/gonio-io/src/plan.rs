@@ -113,8 +113,8 @@ fn unheld(settings: &PlanSettings) -> PlanSettings {
     PlanSettings { hold: 0, ..*settings }
 }
 
-/// Reads the plan of a key from the cache; `None` if it is missing, damaged, or a plan of other
-/// numbers of points and tables or of other settings: a user may have renamed a file.
+/// Reads the plan of a key from the cache. Returns `None` if the plan is missing, damaged, or has
+/// other numbers of points and tables or other settings: a user may have renamed a file.
 pub fn load_plan(cache: &Cache, key: &str, points: usize, tables: usize, settings: &PlanSettings) -> Option<Plan> {
     let plan = cache.load(key).and_then(|bytes| decode_plan(&bytes))?;
     let fits = (plan.points, plan.k) == (points, tables) && unheld(&plan.settings) == unheld(settings);

@@ -44,8 +44,8 @@ impl StagedFolder {
             Err(e) => return Err(failed(e)),
         };
         let mut parents = MadeFolders::default();
-        // The hidden folder is next to a new target, so that one rename makes the target appear,
-        // but inside an existing target, which may be a mount point or a link and whose parent need
+        // The hidden folder is next to a new target, so that one rename makes the target appear. It
+        // is inside an existing target, which may be a mount point or a link and whose parent may
         // not be writable.
         let beside = if exists { target.clone() } else { folder_of(&target) };
         let writing = writing();
@@ -86,7 +86,7 @@ impl StagedFolder {
     /// If it cannot be written; the error names the file in the folder to be filled.
     ///
     /// # Panics
-    /// As [`Self::path`].
+    /// See [`Self::path`].
     pub fn write(&self, name: &str, bytes: &[u8]) -> Result<(), Error> {
         if let Some((folder, _)) = name.split_once('/') {
             let made = fs::create_dir_all(self.path(folder));
@@ -98,10 +98,10 @@ impl StagedFolder {
     /// Writes files, given as names and contents, and [commits](Self::commit) them.
     ///
     /// # Errors
-    /// As [`Self::write`] and [`Self::commit`].
+    /// See [`Self::write`] and [`Self::commit`].
     ///
     /// # Panics
-    /// As [`Self::path`].
+    /// See [`Self::path`].
     pub fn fill(self, files: &[(String, Vec<u8>)]) -> Result<(), Error> {
         files.iter().try_for_each(|(name, bytes)| self.write(name, bytes))?;
         self.commit()

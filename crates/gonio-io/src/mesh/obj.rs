@@ -1,8 +1,9 @@
 //! Wavefront OBJ: `v`, `vn` and `f`; everything else (materials, groups, texture coordinates,
 //! lines, curves) is ignored.
 //!
-//! This parser replaces the crate `tobj`, which invents normals for faces without normals, treats
-//! lines as faces, rejects comments that are not UTF-8, and does not report the line of an error.
+//! This parser replaces the crate `tobj`. That crate invents normals for faces without normals,
+//! treats lines as faces, rejects comments that are not UTF-8, and does not report the line of an
+//! error.
 
 use std::path::Path;
 

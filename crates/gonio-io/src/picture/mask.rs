@@ -13,10 +13,11 @@ const SLACK: f32 = 1e-3;
 /// Reads a mask from a picture of any supported format: 1 inside the object, 0 outside.
 ///
 /// The mask is the grey value, or the largest channel of coloured pixels, without sRGB decoding. If
-/// the file has an alpha channel that is not 1 everywhere, a picture of constant or coloured
-/// content is a cut-out and its alpha is the mask; a grey one is multiplied by its alpha. In an
-/// OpenEXR file without colour, the mask is the channel `A`, or else the only channel. Masks of two
-/// values, such as 0 and 1 or 0 and 128 in 8 bits, are scaled to 0 and 1.
+/// the file has an alpha channel that is not 1 everywhere, the content determines its use. A
+/// picture of constant or coloured content is a cut-out, and its alpha is the mask. A grey picture
+/// is multiplied by its alpha. In an OpenEXR file without colour, the mask is the channel `A`, or
+/// else the only channel. Masks of two values, such as 0 and 1 or 0 and 128 in 8 bits, are scaled
+/// to 0 and 1.
 ///
 /// # Errors
 /// Errors of [`read`](super::read), and if values are not numbers or lie outside 0..=1.

@@ -8,8 +8,8 @@
 //! * Radiance HDR: values divided by the products of the `EXPOSURE` and `COLORCORR` lines.
 //! * PFM: values times the absolute value of the header's scale.
 //! * PNG, JPEG (8 and 16 bit) and TIFF (8, 16 bit, 32-bit float RGB): coded by the curve that the
-//!   file states, else by that of sRGB, unless [`ReadOptions::linear`] is set; an EXIF orientation
-//!   is applied; colour is not multiplied by alpha.
+//!   file states, else by that of sRGB, unless [`ReadOptions::linear`] is set. An EXIF orientation
+//!   is applied. Colour is not multiplied by alpha.
 //! * Camera raw files, with the feature `raw`: linear camera RGB, binned; see the module `raw`.
 //!
 //! [`read`] and [`decode`] convert colours to linear Rec. 709 with white D65. The colour space is

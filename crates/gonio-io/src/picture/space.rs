@@ -143,11 +143,11 @@ impl Decoded {
     /// Converts the picture to linear Rec. 709, if it is in another space.
     ///
     /// Channels that become negative, because Rec. 709 cannot express the colour, are set to zero
-    /// and counted; negative channels of the file are converted unchanged. A pixel with a channel
-    /// at or above [`full_scale`](Self::full_scale), or at a largest value that many pixels share,
-    /// is scaled so that its largest channel exceeds those of all unclipped pixels; this value is
-    /// the new `full_scale`. Call this function after corrections that act on the channels of the
-    /// file.
+    /// and counted; negative channels of the file are converted unchanged. A pixel is clipped if a
+    /// channel is at or above [`full_scale`](Self::full_scale), or at a largest value that many
+    /// pixels share. Clipped pixels are scaled so that their largest channel exceeds those of all
+    /// unclipped pixels. This value is the new `full_scale`. Call this function after corrections
+    /// that act on the channels of the file.
     ///
     /// # Errors
     /// If the table of an ICC profile cannot be evaluated.
@@ -188,7 +188,7 @@ impl Decoded {
 
 /// Stores the converted colour of a pixel; returns 1 if it clamped channels.
 ///
-/// Negative channels are set to zero if the original colour has none.
+/// Negative channels are set to zero if the original colour has no negative channels.
 fn clamp((new, old, converted): (&mut Vec3, &Vec3, &Vec3)) -> usize {
     let sound = old.cmpge(Vec3::ZERO).all();
     *new = if sound { converted.max(Vec3::ZERO) } else { *converted };

@@ -1,14 +1,14 @@
 //! Encodes materials in the format of the RGL database. Mitsuba 3 and pbrt-v4 read them as
 //! `measured`.
 //!
-//! A table over half and difference angle has no measured incident directions, so this module
-//! chooses the incident directions of the file and the factor by which its values are divided. The
-//! density `D` is the lobe of the material, the mean of its table over the difference angle. The
-//! remaining values over the warped square are therefore smooth, even for sharp lobes. `sigma` is a
-//! constant. Half of the warp follows the lobe, half is uniform over the coordinate of the angle,
-//! so that neither the peak nor the tail is sampled coarsely; the warp is the same for all incident
-//! directions. `luminance`, from which a renderer draws its samples, contains the part of the
-//! density that the warp does not.
+//! A table over half and difference angle has no measured incident directions. This module
+//! therefore chooses the incident directions of the file and the factor by which its values are
+//! divided. The density `D` is the lobe of the material, the mean of its table over the difference
+//! angle. The remaining values over the warped square are therefore smooth, even for sharp lobes.
+//! `sigma` is a constant. Half of the warp follows the lobe, half is uniform over the coordinate of
+//! the angle, so that neither the peak nor the tail is sampled coarsely. The warp is the same for
+//! all incident directions. `luminance`, from which a renderer draws its samples, contains the part
+//! of the density that the warp does not.
 
 use std::f64::consts::{FRAC_PI_2, TAU};
 

@@ -1,7 +1,7 @@
 //! Spectra of red, green and blue, for spectral renderers.
 //!
-//! Every colour within sRGB is a mixture of these three; none is negative, they sum to one, and
-//! under D65 they have the colours red, green and blue (`tools/spectral_basis.py`, after Mallett
+//! Every colour within sRGB is a mixture of these three. They are non-negative and sum to one.
+//! Under D65 they have the colours red, green and blue (`tools/spectral_basis.py`, after Mallett
 //! and Yuksel 2019, *Spectral Primary Decomposition for Rendering with sRGB Reflectance*).
 
 /// Wavelengths in nm with the reflectances of the red, green and blue spectra; linear between.

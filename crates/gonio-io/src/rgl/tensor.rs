@@ -1,9 +1,9 @@
 //! Container of the RGL files: named arrays of numbers.
 //!
-//! A file holds `tensor_file` and a zero byte, the version 1 0, the number of fields (32 bits),
-//! then for each field the length of its name (16 bits), the name, the number of axes (16 bits),
-//! the type (8 bits), the offset of the values in the file (64 bits), and the length of each axis
-//! (64 bits). Everything is little-endian, the last axis varies fastest.
+//! A file starts with `tensor_file` and a zero byte, the version 1 0, and the number of fields (32
+//! bits). Each field has the length of its name (16 bits), the name, the number of axes (16 bits)
+//! and the type (8 bits). The offset of its values in the file (64 bits) and the length of each
+//! axis (64 bits) follow. All numbers are little-endian; the last axis varies fastest.
 
 use std::collections::BTreeMap;
 use std::path::Path;

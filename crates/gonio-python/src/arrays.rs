@@ -23,8 +23,8 @@ struct Borrowed {
 }
 
 // SAFETY: the memory belongs to an array that `_owner` keeps alive, and this module never writes to
-// it. As with every NumPy function that lets other threads run, the caller must not write to the
-// array meanwhile; the documentation of the package states this.
+// it. The caller must not write to the array meanwhile, as with every NumPy function that lets
+// other threads run; the documentation of the package states this.
 #[expect(unsafe_code, reason = "a picture in the memory of an array outlives the call that received it")]
 unsafe impl Send for Borrowed {}
 // SAFETY: as above; all accesses are reads.

@@ -97,7 +97,7 @@ def decoded(array: NDArray[Any], name: str, linear: bool, warnings: list[str]) -
         return values
     warnings.append(
         f"{name}: {8 * array.dtype.itemsize}-bit image, decoded as sRGB; its highlights are probably clipped and its tone curve is "
-        "unknown; use an HDR image for reliable results, or use linear=True if the values are linear radiance"
+        "unknown; use an HDR image for reliable results, or linear=True for linear radiance"
     )
     curve = np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4)
     return floats(curve)

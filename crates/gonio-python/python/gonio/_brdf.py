@@ -385,9 +385,10 @@ def render(
     brdf : Brdf or array
         BRDF of the object.
     light : path, str or array, optional
-        A lat-long map in camera coordinates (row 0 is up, the centre is -z, the right half is +x), as
-        a file or an array of shape (height, 2 height, 3); a text file of directional lights; or a
-        built-in light, ``"studio"``, ``"sky"`` or ``"lamp"``. The default is :func:`studio_light`.
+        A lat-long map, as a file or an array of shape (height, 2 height, 3); a text file of
+        directional lights; or a built-in light, ``"studio"``, ``"sky"`` or ``"lamp"``. A map is in
+        camera coordinates: row 0 is up, the centre is -z, and the right half is +x. The default is
+        :func:`studio_light`.
     shape : str, path or pair of arrays, default "sphere"
         ``"sphere"``, ``"blob"``, ``"bunny"``, ``"bowl"``, the file of a mesh, or (vertices, faces).
     size : int or (int, int), default 256

@@ -67,7 +67,7 @@ def check(
     Parameters
     ----------
     image, shape, mask
-        As for :func:`infer`.
+        See :func:`infer`.
     materials, circles
         Several regions or balls, as for :func:`infer_regions`.
     progress : callable, optional
@@ -184,7 +184,7 @@ def merge(
     images : sequence of paths
         8- or 16-bit JPEG, PNG or TIFF files of equal size.
     times, response, linear, black_level, flat, colorspace
-        As for :func:`infer`.
+        See :func:`infer`.
     progress : callable, optional
         Called in this thread with the name of a stage and its completed fraction.
 

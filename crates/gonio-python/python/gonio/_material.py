@@ -73,7 +73,7 @@ class Result:
         Parameters
         ----------
         light, shape, size
-            As for :func:`gonio.render`.
+            See :func:`gonio.render`.
         **options
             Other arguments of :func:`gonio.render`.
 
@@ -137,7 +137,7 @@ class Result:
         Parameters
         ----------
         directory, to, name, albedo, tables, output_colorspace, progress
-            As for :meth:`Brdf.export`.
+            See :meth:`Brdf.export`.
 
         Returns
         -------

@@ -58,9 +58,9 @@ class OfPhotograph(Result):
     def pictures(self) -> dict[str, Bytes]:
         """sRGB pictures of shape (height, width, 3) by name; empty if inferred with ``pictures=False``.
 
-        The names are photograph, observed (sample points), reproduction, residual and light; spheres
-        with the BRDF in built-in lights, the first named relit; summary and uncertainty; and used
-        (ignored pixels with the reasons), if pixels are ignored.
+        The names are photograph, observed (sample points), reproduction, residual, light, summary and
+        uncertainty. Spheres show the BRDF in built-in lights; the first of them is named relit. If
+        pixels are ignored, used shows them with the reasons.
         """
         return self._found["pictures"]
 

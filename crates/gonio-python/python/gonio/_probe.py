@@ -96,7 +96,7 @@ def light_probe(
     image : path, array, bytes, open file, or list of paths
         The photograph, or its exposures, as for :func:`gonio.infer`.
     mask, times, response, black_level, flat, linear, layer, colorspace, clip
-        As for :func:`gonio.infer`. All but ``mask`` apply to both photographs.
+        See :func:`gonio.infer`. All but ``mask`` apply to both photographs.
     circle : (float, float, float), optional
         Outline of the ball in pixels, instead of detecting it: x, y (from the top left corner) and
         radius.

@@ -73,7 +73,7 @@ def infer_regions(
     Raises
     ------
     GonioError
-        As :func:`gonio.infer`, with the faulty region.
+        See :func:`gonio.infer`; the message names the faulty region.
 
     Examples
     --------

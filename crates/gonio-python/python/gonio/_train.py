@@ -180,7 +180,7 @@ def train_posterior(
     Parameters
     ----------
     lights, materials
-        As for :func:`train_lighting` and :func:`train_reflectance`.
+        See :func:`train_lighting` and :func:`train_reflectance`.
     channel : {"red", "green", "blue", "luminance"}, default "luminance"
         Channel of the measured BRDFs.
     views : int, optional

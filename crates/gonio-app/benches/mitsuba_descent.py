@@ -3,9 +3,9 @@
     pip install mitsuba==3.9.1 (and an LLVM library: DRJIT_LIBLLVM_PATH sets its path if it is not found)
     python crates/gonio-app/benches/mitsuba_descent.py samples/ball.exr [STEPS]
 
-A sphere of the `principled` model in a lat-long light of 32 x 16 pixels is fitted to the photograph, reduced to
-64 x 64 pixels, by Adam on the squared difference, with 16 rays per pixel. The result is one solution without an
-uncertainty. It depends on the initial values.
+The script fits a sphere of the `principled` model in a lat-long light of 32 x 16 pixels to the photograph, reduced to
+64 x 64 pixels. It minimises the squared difference by Adam, with 16 rays per pixel. The result is one solution without
+an uncertainty. It depends on the initial values.
 """
 
 import sys

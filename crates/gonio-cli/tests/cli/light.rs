@@ -39,8 +39,8 @@ fn photograph(ball: &MirrorBall, light: &EnvironmentMap, degrees: f64) -> Pictur
     Picture { rgb: plane(rgb), alpha: Some(Plane::from_vec(SIZE.0, SIZE.1, alpha)) }
 }
 
-/// Returns the light of a dim room with a red lamp on the right, a blue one above, a green one
-/// beside the camera, and a white one at the back left.
+/// Returns the light of a dim room with four lamps: red on the right, blue above, green beside the
+/// camera, and white at the back left.
 fn room() -> EnvironmentMap {
     let lamps = [
         (DVec3::X, Vec3::X),

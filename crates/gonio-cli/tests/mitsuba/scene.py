@@ -2,8 +2,8 @@
 
     python scene.py GONIO RESULTS
 
-GONIO is the program, and RESULTS a folder of results of `gonio infer`. Requires numpy and mitsuba. The exit code is 1 if a file does not load, or if the difference of
-the scene from `gonio render` with the same BRDF and light exceeds LIMIT plus the noise of the samples.
+GONIO is the program, and RESULTS a folder of results of `gonio infer`. Requires numpy and mitsuba. The exit code is 1 if a file does not load.
+It is also 1 if the difference of the scene from `gonio render` with the same BRDF and light exceeds LIMIT plus the noise of the samples.
 """
 
 import subprocess

@@ -1,4 +1,4 @@
-//! The estimators that are compared: trivial answers, oracles, and the methods of the library.
+//! The compared estimators: trivial estimates, oracles, and the methods of the library.
 
 use anyhow::{Context, Result};
 use glam::{DQuat, DVec3, Vec3};
@@ -18,7 +18,7 @@ use super::options::Separable;
 use crate::metrics::brdf_error;
 use crate::posteriors::on_disk;
 
-/// A photograph with everything that an estimator or an oracle may look at.
+/// A photograph with all inputs of the estimators and oracles.
 pub(crate) struct Photograph<'a> {
     pub(crate) knowledge: &'a Knowledge,
     /// Linear RGB of every point.
@@ -41,16 +41,16 @@ pub(crate) struct Photograph<'a> {
     pub(crate) separable: Separable,
 }
 
-/// A light that is given.
+/// A known light.
 pub(crate) struct Lit {
-    /// Its matrix, for one of `step` points.
+    /// Matrix of the light at every `step`-th point.
     pub(crate) operator: Operator,
     pub(crate) step: usize,
-    /// Its map.
+    /// Environment map of the light.
     pub(crate) map: EnvironmentMap,
 }
 
-/// Answer of an estimator.
+/// Result of an estimator.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Estimate {
     /// The BRDF, up to scale; `None` if the estimator failed.
@@ -84,7 +84,8 @@ pub(crate) struct Report {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub(crate) enum Estimator {
-    /// Mean of the training materials, each scaled to albedo one: an answer that ignores the image.
+    /// Mean of the training materials, each scaled to albedo one: an estimate that ignores the
+    /// image.
     TrainingMean,
     /// A Lambertian surface.
     Lambertian,
@@ -95,8 +96,8 @@ pub(crate) enum Estimator {
     TrueBivariate,
     /// The posterior given the true light at its full resolution: an oracle.
     KnownLight,
-    /// The same posterior given a map of the light that is turned by five degrees, which it is to
-    /// find.
+    /// The same posterior given a map of the light rotated by five degrees; it estimates the
+    /// rotation.
     KnownLightTurned,
     /// The separable posterior in the basis given the true light: an oracle.
     KnownLightBasis,
@@ -145,7 +146,7 @@ impl Estimator {
         }
     }
 
-    /// Whether the estimator uses what no photograph shows.
+    /// Whether the estimator uses ground truth that a photograph does not contain.
     pub(crate) fn is_oracle(self) -> bool {
         let lit = matches!(self, Self::KnownLight | Self::KnownLightTurned | Self::KnownLightBasis);
         lit || matches!(self, Self::NearestMaterial | Self::TrueBivariate)
@@ -156,7 +157,7 @@ impl Estimator {
         matches!(self, Self::TrainingMean | Self::Lambertian)
     }
 
-    /// Whether the estimator finds colours; the others are shown in the median colour.
+    /// Whether the estimator estimates colours; the others are shown in the median colour.
     pub(crate) fn finds_colours(self) -> bool {
         matches!(self, Self::TrueBivariate | Self::KnownLight | Self::KnownLightTurned | Self::Learnt)
     }
@@ -230,7 +231,7 @@ impl Estimator {
     }
 }
 
-/// Estimates by the posterior learnt from simulated photographs.
+/// Estimates the BRDF with the posterior learnt from simulated photographs.
 fn learnt_posterior(photograph: &Photograph<'_>) -> Result<Estimate> {
     let Photograph { knowledge, colours, image, .. } = *photograph;
     let learnt = knowledge.model.learnt.as_ref().context("no posterior was learnt")?;
@@ -246,7 +247,8 @@ fn learnt_posterior(photograph: &Photograph<'_>) -> Result<Estimate> {
     Ok(Estimate { table: Some(posterior.mean), chroma, quantiles: Some(quantiles), report })
 }
 
-/// Estimates by the posterior under the true light, or under its map turned by five degrees.
+/// Estimates the BRDF with the posterior under the true light, or under its map rotated by five
+/// degrees.
 fn known_light(photograph: &Photograph<'_>, turned: bool) -> Result<Estimate> {
     let Photograph { knowledge, colours, image, operator, .. } = *photograph;
     let Lit { operator, map, step } = operator.context("no operator of the light")?;
@@ -351,7 +353,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn names_in_files_are_those_of_the_command_line() {
+    fn names_in_files_equal_names_on_the_command_line() {
         for estimator in Estimator::value_variants() {
             assert_eq!(estimator.to_possible_value().unwrap().get_name(), estimator.id());
             assert_eq!(serde_json::to_value(estimator).unwrap(), estimator.id());

@@ -1,5 +1,5 @@
-//! The grid of the benchmark: which material is photographed in which light, and which materials
-//! the estimator learnt from.
+//! The grid of the benchmark: the photographed materials, their lights, and the training materials
+//! of the estimator.
 
 use std::str::FromStr;
 
@@ -12,11 +12,11 @@ use crate::materials::Materials;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub(crate) enum Protocol {
-    /// All materials, the tested ones included: the paper's figures. Flattering.
+    /// All materials, including the tested ones, as in the paper. Errors are optimistic.
     All,
-    /// All but every fifth material, tested on those: the honest figure.
+    /// All but every fifth material; the left-out ones are tested. Errors are unbiased.
     LeaveOut,
-    /// All materials, tested on others: measurements of another laboratory and formulas of other
+    /// All materials, tested on others: measurements from another laboratory and formulas of other
     /// families.
     Outside,
 }
@@ -49,7 +49,7 @@ impl Protocol {
         }
     }
 
-    /// The first protocol with the same training materials; both share what is learnt from them.
+    /// The first protocol with the same training materials; both share the models learnt from them.
     pub(crate) fn learns_as(self) -> Self {
         match self {
             Self::All | Self::Outside => Self::All,
@@ -57,14 +57,14 @@ impl Protocol {
         }
     }
 
-    /// The materials that everything is learnt from.
+    /// The materials that all models are learnt from.
     pub(crate) fn training(self, materials: &Materials) -> Vec<usize> {
         let held_out = if self.learns_as() == Self::LeaveOut { materials.held_out() } else { Vec::new() };
         materials.database().filter(|at| !held_out.contains(at)).collect()
     }
 }
 
-/// A photograph to be explained: one material in one light, under one protocol.
+/// A photograph to estimate from: one material in one light, under one protocol.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Unit {
     pub(crate) protocol: Protocol,
@@ -116,8 +116,8 @@ impl FromStr for Shard {
     }
 }
 
-/// Returns the lights that an estimate from `input` is relit in: those of `wanted`, with `input`
-/// itself replaced by the first spare light that is not among them.
+/// Returns the lights in which an estimate from `input` is relit: `wanted`, with `input` itself
+/// replaced by the first spare light that `wanted` does not contain.
 pub(crate) fn relight_lights(wanted: &[String], spare: &[String], input: &str) -> Vec<String> {
     let replacement = spare.iter().find(|s| *s != input && !wanted.contains(s));
     wanted.iter().filter_map(|w| if w == input { replacement.cloned() } else { Some(w.clone()) }).collect()
@@ -138,7 +138,7 @@ mod tests {
     }
 
     #[test]
-    fn shards_are_read_as_fractions() {
+    fn shards_parse_as_fractions() {
         assert_eq!("2/3".parse::<Shard>().unwrap(), Shard { index: 2, count: 3 });
         for bad in ["", "0/3", "4/3", "1", "a/b", "1/0", "-1/2"] {
             assert!(bad.parse::<Shard>().is_err(), "{bad}");
@@ -146,7 +146,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_relit_in_its_own_light() {
+    fn estimates_are_not_relit_in_the_light_of_their_photograph() {
         let name = |s: &str| s.to_owned();
         let wanted = [name("a"), name("b")];
         let spare = [name("a"), name("c"), name("d")];

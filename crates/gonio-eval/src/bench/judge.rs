@@ -1,4 +1,4 @@
-//! The errors of an estimate, and the record that is kept of them.
+//! The errors of an estimate, and their record.
 
 use std::collections::BTreeMap;
 
@@ -41,9 +41,9 @@ pub(crate) struct Record {
     /// Seconds of one core.
     pub(crate) seconds: f64,
     pub(crate) report: Report,
-    /// Reason why there is no estimate.
+    /// Reason for a missing estimate.
     pub(crate) failure: Option<String>,
-    /// The photograph as its observations show it, a PNG in base64.
+    /// The photograph at its observed points, a PNG in base64.
     pub(crate) photograph: String,
     /// The estimate on a sphere in the first of the lights, at the exposure of the reference, a PNG
     /// in base64.
@@ -66,7 +66,7 @@ pub(crate) struct Relit {
 /// channels.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct RgbErrors {
-    /// In the colours that the estimator found, or else in the median colour.
+    /// In the estimated colours, or in the median colour if the estimator has no colours.
     pub(crate) estimate: f64,
     /// In the median colour of the photograph: the paper's display rule.
     pub(crate) median: f64,
@@ -80,13 +80,13 @@ pub(crate) struct RgbErrors {
 }
 
 impl Record {
-    /// Mean relight error over the lights; one, that of a black picture, without an estimate.
+    /// Mean relight error over the lights. Without an estimate: one, the error of a black picture.
     pub(crate) fn relative(&self) -> f64 {
         if self.relight.is_empty() { 1.0 } else { mean(&self.relight.iter().map(|r| r.relative).collect::<Vec<_>>()) }
     }
 
-    /// Mean logarithmic relight error; that of a black picture (ln 101 at a pixel of mean
-    /// brightness) without an estimate.
+    /// Mean logarithmic relight error. Without an estimate: the error of a black picture, ln 101 at
+    /// a pixel of mean brightness.
     pub(crate) fn log(&self) -> f64 {
         if self.relight.is_empty() {
             101.0_f64.ln()
@@ -95,7 +95,8 @@ impl Record {
         }
     }
 
-    /// Mean of an RGB error over the lights; one, that of a black picture, without an estimate.
+    /// Mean of an RGB error over the lights. Without an estimate: one, the error of a black
+    /// picture.
     pub(crate) fn rgb(&self, error: fn(&RgbErrors) -> f64) -> f64 {
         if self.relight.is_empty() {
             1.0
@@ -138,7 +139,7 @@ pub(crate) struct Reference<'a> {
 }
 
 impl Reference<'_> {
-    /// Judges an estimate that took `seconds`.
+    /// Measures the errors of an estimate that took `seconds`.
     pub(crate) fn judge(
         &self,
         estimator: Estimator,
@@ -239,10 +240,10 @@ mod tests {
     use super::*;
     use crate::bench::DRAFT;
 
-    /// A material of one colour in a light of one colour: right colours have no error, and wrong
-    /// ones that of the angle between the colours.
+    /// Renders a material of one colour in a light of one colour. Correct colours have no error;
+    /// the error of wrong colours is the sine of the angle between the colours.
     #[test]
-    fn rgb_errors_are_those_of_planted_colours() {
+    fn rgb_errors_match_planted_colours() {
         let of_light = Vec3::new(0.5, 1.0, 0.8);
         let map = EnvironmentMap::new(Plane::from_fn(16, 8, |_, y| of_light * (1.0 + y as f32))).unwrap();
         let table = BivariateTable::from_fn(|h, _| 0.1 + 2.0 * (-(h / 0.2).powi(2)).exp());
@@ -275,7 +276,8 @@ mod tests {
         let right = judged(Some(field.clone()));
         assert!(right.relative() < 1e-5 && right.rgb(|e| e.estimate) < 1e-5, "{right:?}");
         assert!(right.mean_chroma().unwrap() < 1e-5 && right.rgb(|e| e.true_chroma) < 1e-5, "{right:?}");
-        // The median colour of the photograph contains the light, which shines on it again.
+        // The median colour of the photograph contains the colour of the light, which relighting
+        // applies again.
         let double = judged(None);
         let want = sine(of_light * median, true_colour);
         assert!((double.rgb(|e| e.estimate) - want).abs() < 1e-5 && double.rgb(|e| e.median) > 0.1, "{double:?}");

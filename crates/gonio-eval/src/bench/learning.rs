@@ -1,4 +1,4 @@
-//! Everything that the estimators of a protocol learn beforehand.
+//! Models that the estimators of a protocol learn before the run.
 
 use anyhow::{Context, Result};
 use gonio::colour::{Chroma, ColourModel, ColourSample};
@@ -17,7 +17,7 @@ use crate::data::Lights;
 use crate::materials::Materials;
 use crate::posteriors::{self, Learning};
 
-/// Everything learnt before a photograph is seen, and the operator built from it.
+/// Models learnt before the first photograph, and the operator built from them.
 pub(crate) struct Knowledge {
     /// Prior of light and basis of reflectance.
     pub(crate) model: Model,
@@ -33,9 +33,9 @@ pub(crate) struct Knowledge {
 
 /// The space of materials of the posterior under a known light.
 pub(crate) struct MaterialSpace {
-    /// Coordinates of materials.
+    /// Coordinate system of the materials.
     pub(crate) coordinates: Coordinates,
-    /// Places of the materials of the prior.
+    /// Coordinates of the prior's materials.
     pub(crate) places: Vec<Vec<f64>>,
     /// Differences between the channels of the training materials.
     pub(crate) colours: ColourModel,
@@ -46,7 +46,8 @@ impl MaterialSpace {
     fn of(training: &[(String, BivariateTable)], rgb: &[[BivariateTable; 3]]) -> Self {
         let basis = LogBasis::fit(training, LogBasis::RANK);
         let Dictionary { coordinates, places, .. } = Dictionary::new(basis, &DictionarySettings::default());
-        // A known light needs neither the errors of blind readings nor the chromas of lights.
+        // Under a known light, the errors of blind estimates and the chromas of lights are not
+        // needed.
         let error = vec![0.0; coordinates.axes.len() + 1];
         let sample = ColourSample { errors: [error.clone(), error.clone(), error] };
         let colours = ColourModel::learn(&coordinates, rgb, &[sample], &[Chroma::default()]);
@@ -54,12 +55,12 @@ impl MaterialSpace {
     }
 }
 
-/// Every how many of the training lights the colours of the learnt posterior are learnt in.
+/// The colours of the learnt posterior are learnt in every `COLOUR_STRIDE`-th training light.
 const COLOUR_STRIDE: usize = 6;
 
 impl Knowledge {
-    /// Learns from the protocol's training materials. The prior of light is `prior` or, without
-    /// one, the embedded prior, which was learnt from lights that no test uses.
+    /// Learns the models from the protocol's training materials. The prior of light is `prior`. The
+    /// default is the embedded prior, whose training lights do not occur in any test.
     pub(crate) fn gather(
         materials: &Materials,
         protocol: Protocol,
@@ -85,8 +86,8 @@ impl Knowledge {
             kept.iter().map(|&at| (materials.names[at].clone(), materials.luminance(at))).collect();
         let learn = |lights: &Lights| {
             let names = lights.names();
-            // The embedded posterior, if it was learnt from as many lights and these materials with
-            // the default settings: training would give the same.
+            // Use the embedded posterior if it was learnt from the same number of lights and the
+            // same materials with the default settings. Training would give the same result.
             let same = |found: &LearntPosterior| {
                 *learning == Learning::default()
                     && names.len() == light.lights
@@ -101,7 +102,7 @@ impl Knowledge {
         rgb.iter_mut().flatten().for_each(BivariateTable::extend_from_trusted);
         let mut posterior = lights.map(learn).transpose().context("the posterior of materials")?;
         if let (Some(posterior), Some(lights)) = (posterior.as_mut(), lights) {
-            // The embedded model of colours knows other materials than these.
+            // The embedded model of colours was learnt from other materials.
             posterior.colours = Some(posteriors::colours(cache, posterior, rgb.clone(), lights, COLOUR_STRIDE)?);
         }
         let space = known_light.then(|| MaterialSpace::of(&training, &rgb));

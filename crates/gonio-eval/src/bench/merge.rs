@@ -1,4 +1,4 @@
-//! `gonio-eval merge`: merges the folders that the jobs of an array have filled into one report.
+//! `gonio-eval merge`: merges the output folders of an array of jobs into one report.
 
 use std::path::PathBuf;
 
@@ -10,10 +10,10 @@ use super::store::Store;
 /// Options of `gonio-eval merge`.
 #[derive(clap::Args)]
 pub(crate) struct MergeOptions {
-    /// Folders of `gonio-eval bench --shard`
+    /// Output folders of `gonio-eval bench --shard`
     #[arg(required = true)]
     folders: Vec<PathBuf>,
-    /// Folder of the merged results
+    /// Output folder of the merged results
     #[arg(short, long)]
     output: PathBuf,
 }
@@ -34,7 +34,7 @@ pub(crate) fn merge(options: &MergeOptions) -> Result<()> {
             match records.get(&at) {
                 Some(there) if there.key == record.key => {}
                 Some(_) => bail!(
-                    "{}: {} was computed from other data than in the folders before",
+                    "{}: {} was computed from other data than in the preceding folders",
                     folder.display(),
                     record.file()
                 ),

@@ -1,8 +1,8 @@
 //! `gonio-eval bench`: compares estimators and references over a grid of materials and lights.
 //!
-//! First everything is rendered, light by light, since a light tree is large; then each thread
-//! estimates from one photograph at a time. Both halves keep what is finished: renders in the
-//! cache, cells in the folder of the run.
+//! A run first renders all pictures, one light after the other because a light tree is large. Then
+//! each thread estimates from one photograph at a time. Both halves store finished work: renders in
+//! the cache, cells in the folder of the run.
 
 mod estimators;
 mod grid;

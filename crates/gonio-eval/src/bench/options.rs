@@ -18,10 +18,10 @@ use crate::posteriors::Effort;
 #[derive(clap::Args)]
 #[command(args_override_self = true)]
 pub(crate) struct Options {
-    /// Folder of the results; a run that it holds in part is resumed
+    /// Output folder; an unfinished run in it is resumed
     #[arg(short, long)]
     pub(crate) output: PathBuf,
-    /// 20 left-out materials in 4 lights instead of everything
+    /// Test 20 left-out materials in 4 lights instead of the full grid
     #[arg(long)]
     quick: bool,
     /// Folder of full MERL `.binary` files [default: DATA/merl]
@@ -31,7 +31,7 @@ pub(crate) struct Options {
     /// leave-out]
     #[arg(long, value_enum, value_delimiter = ',')]
     protocols: Vec<Protocol>,
-    /// Only these materials (each protocol tests those of them that it allows)
+    /// Test only these materials (each protocol skips those that it excludes)
     #[arg(long, value_delimiter = ',')]
     materials: Vec<String>,
     /// Test lights of the photographs [default: all; with --quick four]
@@ -48,7 +48,7 @@ pub(crate) struct Options {
     starts: usize,
     #[command(flatten)]
     separable: Separable,
-    /// Prior of light to infer with [default: that of the embedded model]
+    /// Prior of light for the inference [default: that of the embedded model]
     #[arg(long, value_name = "FILE")]
     pub(crate) prior: Option<PathBuf>,
     /// Basis functions of reflectance
@@ -71,10 +71,10 @@ pub(crate) struct Options {
     size: usize,
     #[command(flatten)]
     effort: Effort,
-    /// Only every N-th photograph, from the I-th on: one of N jobs
+    /// Process only every N-th photograph, starting with the I-th, as one of N jobs
     #[arg(long, value_name = "I/N")]
     pub(crate) shard: Option<Shard>,
-    /// Photographs processed at once [default: one for each core]
+    /// Number of photographs processed in parallel [default: one for each core]
     #[arg(long)]
     pub(crate) threads: Option<usize>,
 }
@@ -82,22 +82,21 @@ pub(crate) struct Options {
 /// Settings of the separable posterior and of the joint maximum.
 #[derive(Clone, Copy, Debug, PartialEq, clap::Args, Serialize, Deserialize)]
 pub(crate) struct Separable {
-    /// Settings as printed in the paper: no normals near the poles of its map, vague prior of the
-    /// noise, starts from the exponential prior; and, without --prior, its map of light at one
+    /// Settings as printed in the paper: no normals near the poles of its map, a vague prior of the
+    /// noise, and starts from the exponential prior. Without --prior, also its map of light at one
     /// azimuth
     #[arg(long)]
     pub(crate) paper: bool,
     /// Stopping threshold of the separable posterior, in nats
     #[arg(long, default_value_t = VariationalSettings::default().tolerance)]
     pub(crate) tolerance: f64,
-    /// Variance that every coefficient of the separable posterior starts with
+    /// Initial variance of every coefficient of the separable posterior
     #[arg(long, default_value_t = VariationalSettings::default().variance)]
     pub(crate) variance: f64,
     /// Largest number of iterations of each start
     #[arg(long, default_value_t = VariationalSettings::default().max_iterations)]
     pub(crate) iterations: usize,
-    /// Shape `a` of the prior of the noise [default: as many as there are normals; with --paper
-    /// 1e-3]
+    /// Shape `a` of the prior of the noise [default: the number of normals; with --paper 1e-3]
     #[arg(long)]
     pub(crate) noise_shape: Option<f64>,
     /// Rate `b` of the prior of the noise, for an image of root mean square one [default: `a` times
@@ -110,7 +109,7 @@ pub(crate) struct Separable {
 }
 
 impl Separable {
-    /// Priors of exposure and noise for this many observations.
+    /// Returns the priors of exposure and noise for `pixels` observations.
     pub(crate) fn hyper(&self, pixels: usize) -> Hyper {
         let usual = if self.paper { Hyper::default() } else { Hyper::with_model_error(pixels) };
         Hyper {
@@ -133,13 +132,13 @@ impl Default for Separable {
 
 /// Lights of the photographs of a quick run: two interiors, a wood, and noon in direct sun.
 const QUICK_LIGHTS: [&str; 4] = ["debevec_stpeters", "debevec_grace", "debevec_rnl", "noon_grass"];
-/// Light that replaces a relighting light in which the photograph was taken.
+/// Light that replaces a relighting light equal to the light of the photograph.
 const SPARE: &str = "debevec_uffizi";
 
 /// The grid of a run.
 pub(crate) struct Grid {
     pub(crate) protocols: Vec<Protocol>,
-    /// Indices of the materials to be tested.
+    /// Indices of the tested materials.
     pub(crate) materials: Vec<usize>,
     pub(crate) lights: Vec<String>,
     pub(crate) estimators: Vec<Estimator>,
@@ -160,7 +159,7 @@ impl Options {
         if self.protocols().contains(&Protocol::Outside) { materials.with_outside(data) } else { Ok(materials) }
     }
 
-    /// Builds the grid, with all names and ranges checked.
+    /// Builds the grid and checks all names and ranges.
     pub(crate) fn grid(&self, materials: &Materials, lights: &Lights) -> Result<Grid> {
         let protocols = self.protocols();
         let tested = if !self.materials.is_empty() {

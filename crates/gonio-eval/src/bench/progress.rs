@@ -15,7 +15,7 @@ pub(crate) struct Progress {
     lines: Mutex<(usize, Instant)>,
 }
 
-/// Time between lines where standard error is no terminal.
+/// Time between lines if standard error is not a terminal.
 const PAUSE: Duration = Duration::from_secs(20);
 
 impl Progress {

@@ -1,4 +1,4 @@
-//! Ground truth: materials rendered in captured light, once, and kept in the cache.
+//! Ground truth: materials rendered in captured light and stored in the cache.
 
 use anyhow::Result;
 use glam::Vec3;
@@ -25,15 +25,14 @@ impl Render {
     }
 }
 
-/// Version of the renders: raise it whenever the renderer gives other pictures for the same input.
+/// Version of the renders. Raise it when the renderer gives different pictures for the same input.
 const VERSION: u32 = 2;
 
-/// Settings of reference renders. Against a twentieth of this tolerance, pictures differ by 0.05 to
-/// 0.4 % after the best common scale (`gonio-eval quadrature`).
+/// Settings of reference renders. Pictures differ by 0.05 to 0.4 % from pictures with a twentieth
+/// of this tolerance, after the best common scale (`gonio-eval quadrature`).
 pub(crate) const ACCURACY: IntegratorSettings = IntegratorSettings { tolerance: 0.2, max_cells: 40_000 };
 
-/// Settings of draft renders: accurate enough for photographs to learn from, and for comparing
-/// settings.
+/// Settings of draft renders: accurate enough for training photographs and for comparing settings.
 pub(crate) const DRAFT: IntegratorSettings = IntegratorSettings { tolerance: 0.3, max_cells: 8_000 };
 
 /// Returns the cache key of the render of a material in a light at points. `material` and `light`
@@ -82,8 +81,8 @@ pub(crate) fn store(cache: &Cache, key: &str, render: &Render) -> Result<()> {
     Ok(cache.store(key, &serde_json::to_vec(render)?)?)
 }
 
-/// Returns the images of basis functions in a light, `[point][function]`, from the cache if it has
-/// them.
+/// Returns the images of basis functions in a light, `[point][function]`. Loads them from the cache
+/// if it contains them.
 pub(crate) fn images(
     cache: &Cache,
     functions: &[BivariateTable],
@@ -100,8 +99,8 @@ pub(crate) fn images(
     Ok(images)
 }
 
-/// Adds white noise to an image, of standard deviation `relative` times its mean and seeded by its
-/// key. Negative values become zero.
+/// Adds white noise to an image. The standard deviation is `relative` times the mean of the image,
+/// and `key` determines the seed. Negative values become zero.
 pub(crate) fn add_noise(values: &mut [f64], relative: f64, key: &str) {
     if relative <= 0.0 {
         return;
@@ -116,8 +115,8 @@ pub(crate) fn add_noise(values: &mut [f64], relative: f64, key: &str) {
     }
 }
 
-/// Adds independent noise to the channels of an image, of standard deviation `relative` times the
-/// mean of the channel and seeded by its key. Negative values become zero.
+/// Adds independent noise to the channels of an image. The standard deviation is `relative` times
+/// the mean of the channel, and `key` determines the seed. Negative values become zero.
 pub(crate) fn add_noise_rgb(image: &mut [Vec3], relative: f64, key: &str) {
     for c in 0..3 {
         let mut values: Vec<f64> = image.iter().map(|rgb| f64::from(rgb[c])).collect();
@@ -145,21 +144,21 @@ mod tests {
     }
 
     #[test]
-    fn a_white_diffuse_surface_shows_the_light() {
+    fn a_white_diffuse_surface_has_the_radiance_of_the_light() {
         let white_table = BivariateTable::from_fn(|_, _| std::f64::consts::FRAC_1_PI);
         let full = MerlTable::from_bivariate([&white_table; 3]);
         let got = render(&full, &white(), &[point(); 3]);
-        // The midpoint rule under a constant light errs in one direction, and more than under any
-        // real one.
+        // The error of the midpoint rule is one-sided under a constant light, and larger than under
+        // any real light.
         assert!(got.rgb[1].iter().all(|c| (c - 1.0).abs() < 0.05), "{got:?}");
-        // Channels have their own albedo.
+        // Each channel has its own albedo.
         let full = MerlTable::from_bivariate([&white_table, &white_table.scaled(0.5), &white_table.scaled(0.1)]);
         let [r, g, b] = render(&full, &white(), &[point()]).rgb[0];
         assert!((g / r - 0.5).abs() < 1e-3 && (b / r - 0.1).abs() < 1e-3, "{r} {g} {b}");
     }
 
     #[test]
-    fn noise_is_as_stated_and_repeatable() {
+    fn noise_has_the_stated_deviation_and_is_repeatable() {
         let clean = vec![2.0; 20_000];
         let (mut a, mut b) = (clean.clone(), clean.clone());
         add_noise(&mut a, 0.05, "k");

@@ -33,7 +33,7 @@ use crate::data::Lights;
 use crate::materials::{Materials, Source};
 use crate::metrics::luminances;
 
-/// Bytes that renders, operators and bases may take in the cache.
+/// Largest size of renders, operators and bases in the cache, in bytes.
 const CACHE_BUDGET: u64 = 8 << 30;
 
 /// Runs the benchmark and writes its report.
@@ -53,9 +53,8 @@ pub(crate) fn bench(data: &Path, options: &Options) -> Result<()> {
     let paper = conditions.separable.paper;
     let known = if paper { ObservationSettings::of_paper() } else { ObservationSettings::default() };
     let observation = ObservationSettings { normals: conditions.normals, ..known };
-    let cache = Cache::user()
-        .context("no cache folder: set GONIO_CACHE_DIR to one (renders are kept there)")?
-        .with_budget(CACHE_BUDGET);
+    let cache =
+        Cache::user().context("no cache folder for the renders; set GONIO_CACHE_DIR")?.with_budget(CACHE_BUDGET);
     let fingerprints = Fingerprints::of(&materials, &lights, &units, &conditions)?;
     let (points, stage) = (sphere_points(&observation), Stage::new(conditions.size));
     let prior = match &options.prior {
@@ -108,13 +107,13 @@ impl Fingerprints {
 /// A photograph and its unfinished estimators, each with the key of its cell.
 type Work = (Unit, Vec<(Estimator, String)>);
 
-/// Everything that the two halves share.
+/// Data that both halves of a run share.
 struct Bench {
     materials: Materials,
     lights: Lights,
     /// Prior of light in place of the embedded one.
     prior: Option<LightPrior>,
-    /// Lights that the learnt posterior is learnt from, if it is among the estimators.
+    /// Training lights of the learnt posterior, if it is among the estimators.
     training: Option<Lights>,
     points: Vec<SurfacePoint>,
     stage: Stage,
@@ -151,8 +150,8 @@ impl Bench {
         self.materials.outside().contains(&unit.material)
     }
 
-    /// Luminance tables that relighting must be accurate for. Those outside of the database are
-    /// included only where one of them is tested, so that the other cells do not depend on them.
+    /// Luminance tables for which relighting must be accurate. Tables outside of the database are
+    /// included only if one of them is tested, so that the other cells do not depend on them.
     fn examples(&self, outside: bool) -> Vec<BivariateTable> {
         let last = if outside { self.materials.outside().end } else { self.materials.database().end };
         (0..last).map(|m| self.materials.luminance(m)).collect()
@@ -190,7 +189,7 @@ impl Bench {
 
     fn load(&self, material: usize, light: &str, points: &[SurfacePoint]) -> Result<Render> {
         renders::load(&self.cache, &self.key(material, light, points))
-            .context("a render has left the cache since it was made: run again")
+            .context("a render is no longer in the cache; run again")
     }
 
     fn estimate(&self, work: &[Work], threads: usize) -> Result<()> {
@@ -234,7 +233,7 @@ impl Bench {
                 place.insert(renders::images(&self.cache, functions, name, &tree, &self.points)?);
             }
         }
-        // Matrices of the lights that are given, by training protocol and light.
+        // Matrices of the known lights, by training protocol and light.
         let mut operators: BTreeMap<(Protocol, &str), Lit> = BTreeMap::new();
         for (unit, _) in work {
             let learnt = unit.protocol.learns_as();
@@ -262,8 +261,8 @@ impl Bench {
         std::thread::scope(|scope| {
             for _ in 0..threads.min(work.len()) {
                 scope.spawn(|| {
-                    // Each photograph has one core: threads wait less than with all cores on each
-                    // photograph in turn, and the seconds are comparable.
+                    // Each photograph runs on one core. Threads wait less than if all cores
+                    // processed one photograph after the other, and the times are comparable.
                     let pool = match rayon::ThreadPoolBuilder::new().num_threads(1).build() {
                         Ok(pool) => pool,
                         Err(error) => return fail(anyhow!(error)),

@@ -6,15 +6,15 @@ use gonio::render::Exposure;
 use gonio::shape::SurfacePoint;
 use rayon::prelude::*;
 
-/// Pixels of a picture that show a sphere, seen orthographically.
+/// Pixels of an orthographic picture that show a sphere.
 pub(crate) struct Stage {
     size: usize,
     /// Index of each pixel in the picture.
     pixels: Vec<usize>,
     /// Surface point at the centre of each pixel.
     pub(crate) points: Vec<SurfacePoint>,
-    /// Whether the normal of each point is within 80 degrees of the view: errors are measured
-    /// there.
+    /// Whether the normal of each point is within 80 degrees of the view, where errors are
+    /// measured.
     counted: Vec<bool>,
 }
 
@@ -45,7 +45,7 @@ impl Stage {
         values.iter().zip(&self.counted).filter(|(_, counted)| **counted).map(|(v, _)| *v).collect()
     }
 
-    /// Returns the exposure that suits a sphere of these values.
+    /// Returns the exposure for a sphere with these values.
     pub(crate) fn exposure(&self, values: &[f64]) -> Exposure {
         let plane = Plane::from_vec(values.len(), 1, values.iter().map(|v| Vec3::splat(*v as f32)).collect());
         Exposure::by_quantile(&plane, |_| true, 0.97, 0.8)
@@ -63,8 +63,8 @@ impl Stage {
         gonio_io::picture::encode_png_srgb8(self.size, self.size, &out)
     }
 
-    /// Returns, for each pixel, the index of the nearest of other points of the visible hemisphere,
-    /// so that their values can be shown as a picture.
+    /// Returns for each pixel the index of the nearest of `others`, points of the visible
+    /// hemisphere. With it, values at those points can be shown as a picture.
     pub(crate) fn nearest(&self, others: &[SurfacePoint]) -> Vec<usize> {
         let nearest = |p: &SurfacePoint| {
             let closeness = |i: &usize| others[*i].normal.dot(p.normal);
@@ -90,7 +90,7 @@ mod tests {
     }
 
     #[test]
-    fn the_nearest_point_of_itself_is_itself() {
+    fn each_point_is_nearest_to_itself() {
         let stage = Stage::new(16);
         assert_eq!(stage.nearest(&stage.points), (0..stage.points.len()).collect::<Vec<_>>());
     }

@@ -1,7 +1,7 @@
 //! The folder of a run: its conditions and one file for every finished cell.
 //!
-//! A cell's file is written completely before it is renamed to its name, so that a killed run
-//! leaves whole cells or none, and several processes can fill one folder.
+//! The file of a cell is written completely and then renamed. A killed run therefore leaves no
+//! partial cells, and several processes can fill one folder.
 
 use std::path::{Path, PathBuf};
 
@@ -33,9 +33,9 @@ pub(crate) struct Conditions {
     pub(crate) starts: usize,
     /// Settings of the separable posterior and of the joint maximum.
     pub(crate) separable: Separable,
-    /// Origin of the prior of light, where it is not that of the embedded model.
+    /// Origin of the prior of light, if it is not that of the embedded model.
     pub(crate) prior: Option<String>,
-    /// Settings by which the posterior of materials is learnt.
+    /// Settings for learning the posterior of materials.
     pub(crate) learning: Learning,
     /// Noise added to each channel of the photographs, relative to its mean.
     pub(crate) noise: f64,
@@ -61,17 +61,17 @@ impl Store {
     /// Opens a folder, or creates it.
     ///
     /// # Errors
-    /// If the folder holds the results of other conditions: they are neither mixed nor overwritten.
+    /// If the folder holds the results of other conditions. They are neither mixed nor overwritten.
     pub(crate) fn open(dir: &Path, conditions: &Conditions) -> Result<Self> {
         let path = dir.join(CONDITIONS);
         if path.exists() {
-            // Passed through text like the stored conditions: single precision has fewer digits
-            // there.
+            // Convert to text and back, like the stored conditions, because numbers of single
+            // precision have fewer digits in text.
             let here = serde_json::from_slice(&serde_json::to_vec(conditions)?)?;
             let differences = differences(&read_value(&path)?, &here, "");
             if !differences.is_empty() {
                 bail!(
-                    "{}: holds results of another kind ({}); give -o another folder",
+                    "{}: holds results of other conditions ({}); specify another folder with -o",
                     dir.display(),
                     differences.join(", ")
                 );
@@ -79,9 +79,12 @@ impl Store {
         } else {
             let occupied = std::fs::read_dir(dir).is_ok_and(|mut entries| entries.next().is_some());
             if occupied {
-                bail!("{}: is not empty and holds no results of a benchmark; give -o another folder", dir.display());
+                bail!(
+                    "{}: is not empty and holds no results of a benchmark; specify another folder with -o",
+                    dir.display()
+                );
             }
-            std::fs::create_dir_all(dir).with_context(|| format!("{}: cannot make this folder", dir.display()))?;
+            std::fs::create_dir_all(dir).with_context(|| format!("{}: cannot create the folder", dir.display()))?;
             gonio_io::atomic::write_file(&path, &serde_json::to_vec_pretty(conditions)?)?;
         }
         Ok(Self { dir: dir.to_owned() })
@@ -92,7 +95,7 @@ impl Store {
         let path = dir.join(CONDITIONS);
         let value = read_value(&path).with_context(|| format!("{}: holds no results of a benchmark", dir.display()))?;
         serde_json::from_value(value)
-            .with_context(|| format!("{}: is of another version of gonio-eval", path.display()))
+            .with_context(|| format!("{}: belongs to another version of gonio-eval", path.display()))
     }
 
     /// Whether the cell is finished under this key.
@@ -105,7 +108,7 @@ impl Store {
     pub(crate) fn put(&self, record: &Record) -> Result<()> {
         let path = self.dir.join(CELLS).join(record.file());
         let folder = path.parent().expect("a file in a folder");
-        std::fs::create_dir_all(folder).with_context(|| format!("{}: cannot make this folder", folder.display()))?;
+        std::fs::create_dir_all(folder).with_context(|| format!("{}: cannot create the folder", folder.display()))?;
         Ok(gonio_io::atomic::write_file(&path, &serde_json::to_vec(record)?)?)
     }
 
@@ -149,7 +152,7 @@ fn collect(dir: &Path, files: &mut Vec<PathBuf>) -> Result<()> {
     Ok(())
 }
 
-/// Lists the leaves in which two JSON values differ, as `path: there, here`.
+/// Lists the leaves in which the JSON values of a folder (`there`) and of this run (`here`) differ.
 fn differences(there: &Value, here: &Value, path: &str) -> Vec<String> {
     match (there, here) {
         (Value::Object(a), Value::Object(b)) => {
@@ -160,7 +163,7 @@ fn differences(there: &Value, here: &Value, path: &str) -> Vec<String> {
             pairs.flat_map(|(path, a, b)| differences(a, b, &path)).collect()
         }
         (a, b) if a == b => Vec::new(),
-        (a, b) => vec![format!("{path} is {a} there and {b} here")],
+        (a, b) => vec![format!("{path} is {a} in the folder and {b} in this run")],
     }
 }
 
@@ -208,7 +211,7 @@ mod tests {
     }
 
     #[test]
-    fn cells_are_found_again_under_their_key_only() {
+    fn cells_are_found_only_under_their_key() {
         let dir = tempfile::tempdir().unwrap();
         let store = Store::open(dir.path(), &conditions()).unwrap();
         let has = |store: &Store, key| store.has(Protocol::LeaveOut, "chrome", "grace", Estimator::Lambertian, key);
@@ -220,7 +223,7 @@ mod tests {
     }
 
     #[test]
-    fn half_a_record_does_not_count() {
+    fn truncated_records_are_ignored() {
         let dir = tempfile::tempdir().unwrap();
         let store = Store::open(dir.path(), &conditions()).unwrap();
         store.put(&record("k")).unwrap();
@@ -234,14 +237,17 @@ mod tests {
     }
 
     #[test]
-    fn other_conditions_are_refused_by_name() {
+    fn rejects_other_conditions_and_names_them() {
         let dir = tempfile::tempdir().unwrap();
         Store::open(dir.path(), &conditions()).unwrap();
         let mut other = conditions();
         other.plan.side = 64;
         other.noise = 0.01;
         let message = Store::open(dir.path(), &other).err().unwrap().to_string();
-        assert!(message.contains("plan.side is 32 there and 64 here") && message.contains("noise"), "{message}");
+        assert!(
+            message.contains("plan.side is 32 in the folder and 64 in this run") && message.contains("noise"),
+            "{message}"
+        );
         let foreign = tempfile::tempdir().unwrap();
         std::fs::write(foreign.path().join("letter.txt"), "dear").unwrap();
         assert!(Store::open(foreign.path(), &conditions()).is_err());

@@ -19,9 +19,9 @@ pub(crate) struct Summary {
     /// Whether all photographs were rendered from full tables.
     pub(crate) full_tables: bool,
     pub(crate) rows: Vec<Row>,
-    /// `wins[a][b]`: share of the photographs on which estimator `a` has the smaller logarithmic
-    /// relight error than `b`, in the order of `rows`; photographs that only one of them has seen
-    /// do not count.
+    /// `wins[a][b]`: share of the photographs on which estimator `a` has a smaller logarithmic
+    /// relight error than `b`, in the order of `rows`. Photographs with the result of only one of
+    /// them do not count.
     pub(crate) wins: Vec<Vec<f64>>,
     /// Median logarithmic relight error by class of material, in the order of `rows`.
     pub(crate) classes: Vec<Group>,
@@ -40,10 +40,11 @@ pub(crate) struct Row {
     pub(crate) relative: Interval,
     pub(crate) log: Interval,
     pub(crate) brdf: Interval,
-    /// Median RGB relight error in the colours that the estimator found, or else in the median
-    /// colour of the photograph.
+    /// Median RGB relight error in the estimated colours, or in the median colour of the photograph
+    /// if the estimator has no colours.
     pub(crate) rgb: Interval,
-    /// The same in the median colour, in grey, and in the true chroma of every cell.
+    /// Median RGB relight error in the median colour, in grey, and in the true chroma of every
+    /// cell.
     pub(crate) rgb_median: Interval,
     pub(crate) rgb_grey: Interval,
     pub(crate) rgb_true_chroma: Interval,
@@ -62,7 +63,7 @@ pub(crate) struct Row {
     pub(crate) slowest: f64,
 }
 
-/// Median errors of part of the photographs.
+/// Median errors of a subset of the photographs.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct Group {
     pub(crate) name: String,

@@ -88,7 +88,7 @@ static TINY: LazyLock<(Value, String, String)> = LazyLock::new(|| {
 });
 
 #[test]
-fn the_tiny_grid_has_its_golden_numbers() {
+fn the_tiny_grid_reproduces_the_golden_numbers() {
     let whole = &TINY.0;
     // Protocol (a) tests all three, (b) only the two that are held out: m2 and m7.
     assert_eq!(row(whole, "all", "lambertian")["cells"], 6);
@@ -119,7 +119,7 @@ fn the_tiny_grid_has_its_golden_numbers() {
 }
 
 #[test]
-fn so_short_a_training_runs() {
+fn a_short_training_succeeds() {
     let learnt = row(&TINY.0, "leave-out", "learnt");
     assert_eq!((&learnt["cells"], &learnt["failures"]), (&4.into(), &0.into()));
     assert!(learnt["log"]["value"].as_f64().unwrap() < 2.0, "{learnt}");
@@ -133,7 +133,7 @@ fn the_truth_and_the_nearest_material_are_right_by_construction() {
             // Materials of this world depend only weakly on phi_d, and light is grey.
             assert!(cell["brdf"].as_f64().unwrap() < 1e-6 && error(0) < 0.02 && error(1) < 0.02, "{cell}");
         }
-        // A material of the training set is its own nearest material, one that was left out is not.
+        // A material of the training set is its own nearest material; a left-out material is not.
         if cell["estimator"] == "nearest-material" {
             let itself = cell["report"]["note"] == cell["material"];
             assert_eq!(itself, cell["protocol"] == "all");
@@ -186,7 +186,7 @@ fn coloured_materials_are_judged_in_rgb() {
         assert!(rgb < value(estimator, "relative") + 0.03 && chroma < 0.05, "{estimator}: {rgb} {chroma}");
     }
     assert!(value("true-bivariate", "rgb") < 0.02);
-    // Trained too little to read colours, but in colours of its own.
+    // The training is too short for accurate colours, but they differ from the median colour.
     assert!((value("learnt", "rgb") - value("learnt", "rgb_median")).abs() > 1e-6);
 }
 
@@ -203,7 +203,7 @@ fn shards_merge_into_the_whole() {
     let mut merge = place.command(&["merge", "-o"]);
     run(merge.arg(place.at("merged")).args(&parts));
     assert_eq!(cells(&place.at("merged")), cells(&place.at("whole")));
-    // Folders of other conditions cannot be merged.
+    // Folders with other conditions cannot be merged.
     run(place.bench("noisy", &fast).args(["--noise", "0.1"]));
     let refused =
         place.command(&["merge", "-o"]).arg(place.at("mixed")).args([&parts[0], &place.at("noisy")]).output().unwrap();
@@ -213,7 +213,7 @@ fn shards_merge_into_the_whole() {
 }
 
 #[test]
-fn a_killed_run_is_continued() {
+fn a_killed_run_resumes() {
     let place = Place::new();
     let estimators = "training-mean,lambertian,nearest-material,joint-map,variational";
     let grid = ["--protocols", "leave-out", "--threads", "1", "--estimators", estimators];
@@ -243,7 +243,7 @@ fn a_killed_run_is_continued() {
     let whole: Vec<PathBuf> = found().into_iter().filter(|f| f.extension().is_some_and(|e| e == "json")).collect();
     assert!((4..20).contains(&whole.len()), "{} of 20 cells at the kill", whole.len());
     let mut before = stamps(&whole);
-    // One of the files is damaged too.
+    // Damage one of the files as well.
     let (damaged, _) = before.swap_remove(0);
     std::fs::write(&damaged, b"{\"key\":").unwrap();
     run(&mut place.bench("killed", &grid));
@@ -251,13 +251,13 @@ fn a_killed_run_is_continued() {
         assert_eq!(*stamp, file.metadata().unwrap().modified().unwrap(), "{} was computed twice", file.display());
     }
     assert_eq!(cells(&place.at("killed")), cells(&place.at("whole")));
-    // With everything finished, nothing is computed and nothing changes.
+    // A finished run computes nothing and changes nothing.
     let again = run(&mut place.bench("killed", &grid));
     assert!(String::from_utf8_lossy(&again.stderr).contains("all cells are finished"));
 }
 
 #[test]
-fn materials_outside_of_the_database_are_a_protocol() {
+fn the_outside_protocol_tests_materials_outside_the_database() {
     let place = Place::new();
     let fast = ["--estimators", "lambertian,nearest-material,true-bivariate,known-light-basis"];
     run(place.bench("both", &fast).args(["--protocols", "all,outside", "--materials", "plaster,varnish"]));
@@ -269,7 +269,8 @@ fn materials_outside_of_the_database_are_a_protocol() {
         // Rendered from the formula, not from its mean over phi_d.
         assert_eq!(cell["full_table"], true);
         let note = cell["report"]["note"].as_str().unwrap();
-        // The nearest material is of the database: nothing is learnt from those outside.
+        // The nearest material is in the database, because no model is learnt from the materials
+        // outside.
         assert_eq!(note.starts_with('m'), cell["estimator"] == "nearest-material", "{cell}");
         let (brdf, log) = (cell["brdf"].as_f64().unwrap(), cell["relight"][0]["log"].as_f64().unwrap());
         if cell["estimator"] == "true-bivariate" {
@@ -278,19 +279,19 @@ fn materials_outside_of_the_database_are_a_protocol() {
             assert!(brdf > 0.01 && cell["failure"].is_null(), "{cell}");
         }
     }
-    // The cells of the database are the same with and without them.
+    // The cells of the database are the same with and without the materials outside.
     run(place.bench("alone", &fast).args(["--protocols", "all"]));
     let both = cells(&place.at("both"));
     for (at, errors) in cells(&place.at("alone")) {
         assert_eq!(both[&at], errors, "{at}");
     }
-    // Without the protocol they are not available.
+    // Without the protocol, the materials outside are not available.
     let unasked = place.bench("unasked", &["--materials", "plaster"]).output().unwrap();
     assert!(String::from_utf8_lossy(&unasked.stderr).contains("there is no material plaster"));
 }
 
 #[test]
-fn wrong_names_and_folders_are_refused_in_one_line() {
+fn rejects_wrong_names_and_folders() {
     let place = Place::new();
     run(place.bench("out", &["--estimators", "lambertian", "--protocols", "leave-out"]).args(["--lights", "l0"]));
     let letters = place.at("letters");
@@ -305,7 +306,7 @@ fn wrong_names_and_folders_are_refused_in_one_line() {
         (bench("d", &["--shard", "4/3"]), "I from 1 to N"),
         (bench("e", &["--merl", empty.to_str().unwrap()]), "no .binary files"),
         (bench("letters", &[]), "is not empty and holds no results"),
-        (bench("out", &["--starts", "2"]), "starts is 1 there and 2 here"),
+        (bench("out", &["--starts", "2"]), "starts is 1 in the folder and 2 in this run"),
         (place.command(&["merge", "-o", other.to_str().unwrap(), "letters"]).output().unwrap(), "holds no results"),
         (
             Command::new(env!("CARGO_BIN_EXE_gonio-eval"))
@@ -317,7 +318,7 @@ fn wrong_names_and_folders_are_refused_in_one_line() {
     ] {
         let message = String::from_utf8_lossy(&output.stderr);
         assert_eq!(output.status.code(), Some(2), "{message}");
-        assert!(message.contains(says), "{message} does not say {says}");
+        assert!(message.contains(says), "{message} lacks {says}");
     }
     assert_eq!(std::fs::read_to_string(letters.join("letter.txt")).unwrap(), "dear");
 }

@@ -12,8 +12,8 @@ use super::bench::run;
 
 const SIDE: usize = 64;
 
-/// Writes a matte ball under a lamp beside the camera and under one above: brightness is the
-/// cosine, the measured slice constant.
+/// Writes photographs of a matte ball under a lamp beside the camera and under a lamp above it. The
+/// brightness is the cosine, and the measured slice is constant.
 fn write(folder: &Path) {
     std::fs::create_dir_all(folder).unwrap();
     let normal = |x: usize, y: usize| {
@@ -63,7 +63,7 @@ fn a_matte_ball_is_judged_by_slice_and_photographs() {
     let records: serde_json::Value =
         serde_json::from_slice(&std::fs::read(out.join("captured.json")).unwrap()).unwrap();
     for record in records.as_array().unwrap() {
-        // Chalk is Lambertian, and the measurement says so.
+        // Chalk is Lambertian, also in the measurement.
         for reference in ["lambert", "measured", "profile"] {
             for error in ["slice", "relight", "relight_log"] {
                 assert!(record[reference][error].as_f64().unwrap() < 1e-3, "{record}");

@@ -1,4 +1,5 @@
-//! Tests on the measured data. Without the data (`GONIO_DATA`) every test says so and passes.
+//! Tests on the measured data. Without the data (`GONIO_DATA`) every test prints a message and
+//! passes.
 
 use std::path::PathBuf;
 
@@ -13,7 +14,7 @@ use gonio_io::fits::Fit;
 fn data() -> Option<PathBuf> {
     let folder = std::env::var_os("GONIO_DATA").map(PathBuf::from).filter(|p| p.is_dir());
     if folder.is_none() {
-        eprintln!("skipped: GONIO_DATA names no folder of data");
+        eprintln!("skipped: GONIO_DATA is not a folder");
     }
     folder
 }
@@ -41,7 +42,7 @@ fn rank_ten_beats_cook_torrance_by_thirteen_and_seven() {
     let (mut nmf, mut cook_torrance) = (Vec::new(), Vec::new());
     for (name, fit) in gonio_io::fits::read_fits(data.join("merl/ngan2005_cooktorrance.fit")).unwrap() {
         let Fit::CookTorrance { diffuse, specular, f0, roughness } = fit else {
-            panic!("{name} is no Cook-Torrance fit")
+            panic!("{name} is not a Cook-Torrance fit")
         };
         let model = CookTorrance { diffuse: diffuse[1], specular: specular[1], f0, roughness }.to_bivariate();
         let truth = &materials.iter().find(|(n, _)| *n == name).unwrap().1;
@@ -86,7 +87,7 @@ fn the_quadrature_resolves_measured_lobes() {
 }
 
 #[test]
-fn the_embedded_model_is_that_of_the_data() {
+fn the_embedded_model_matches_the_data() {
     let Some(data) = data() else { return };
     let model = gonio_io::model::embedded().unwrap();
     let names: Vec<String> = green(&data).into_iter().map(|(name, _)| name).collect();

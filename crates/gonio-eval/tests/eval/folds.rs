@@ -3,7 +3,7 @@
 use super::bench::{Place, run};
 
 #[test]
-fn errors_are_of_what_was_left_out() {
+fn errors_cover_the_left_out_materials_and_kinds() {
     let place = Place::new();
     let small = [
         "folds",
@@ -27,8 +27,8 @@ fn errors_are_of_what_was_left_out() {
         let number = |cell: &str| cell.split([' ', '%']).find(|w| !w.is_empty()).unwrap().parse().unwrap();
         row.trim_matches('|').split('|').skip(1).map(|c| number(c.trim())).collect()
     };
-    // Every training material and light is left out once; of each kind there are a dozen draws for
-    // each light. Each is photographed with and without camera effects.
+    // Every training material and light is left out once. Each kind has a dozen draws for each
+    // light. Each subject is photographed with and without camera effects.
     for camera in ["clean", "camera"] {
         for (kind, photographs) in [("measured", 12.0), ("metal", 36.0), ("cloth", 36.0)] {
             let row = cells(&format!("{kind} {camera}"));

@@ -19,7 +19,7 @@ fn material(i: usize) -> BivariateTable {
     Ggx { diffuse, f0, alpha }.to_bivariate()
 }
 
-/// A sky with a lamp, or several.
+/// A sky with one or more lamps.
 fn light(lamps: &[Vec3], phase: f64) -> Plane<Vec3> {
     let lamps: Vec<_> = lamps.iter().map(|lamp| lamp.normalize().as_dvec3()).collect();
     Plane::from_fn(128, 64, |x, y| {

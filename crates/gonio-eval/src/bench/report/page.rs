@@ -74,14 +74,14 @@ pub(super) fn colour_entries(row: &Row) -> Vec<String> {
 pub(super) fn page(conditions: &Conditions, summaries: &[Summary], records: &Records) -> String {
     let lead = html! {
         p {
-            "Each cell is one estimator on one rendered photograph of a sphere in a captured light that neither prior nor basis has \
-             seen. Errors are measured after the best common scale, which a photograph does not determine, and averaged over the \
-             lights in which the estimate is shown again: " (conditions.relight.join(", ")) "."
+            "Each cell is one estimator on one rendered photograph of a sphere in a captured light outside the training data. \
+             Errors are measured after the best common scale, which a photograph does not determine, and averaged over the \
+             lights in which the estimate is relit: " (conditions.relight.join(", ")) "."
         }
         p.note {
             "Light grid " (conditions.plan.side) " x " (conditions.plan.side) ", " (conditions.plan.rank) " rows, "
             (conditions.rank) " basis functions, " (conditions.starts) " start(s), noise " (100.0 * conditions.noise)
-            " % of the mean. gonio " (conditions.gonio) ". Reference pictures come from full tables (90 x 90 x 180) of reconstructed or \
+            " %, relative to the mean. gonio " (conditions.gonio) ". Reference pictures come from full tables (90 x 90 x 180) of reconstructed or \
             genuine MERL materials, or of materials of other kinds, in lights of full resolution."
         }
     };
@@ -96,8 +96,8 @@ fn section(summary: &Summary, records: &Records) -> Section {
             (summary.materials) " materials in " (summary.lights) " lights. Medians over the cells with 95 % bootstrap intervals \
             (whole materials resampled)."
             @if !summary.full_tables {
-                " Some photographs were rendered from bivariate tables, since the full ones were not there: the errors are \
-                  a little smaller than they would be."
+                " Some photographs were rendered from bivariate tables because full tables were missing; their errors are \
+                  slightly smaller than with full tables."
             }
         }
         (estimators(summary))
@@ -133,12 +133,12 @@ fn what_it_means() -> Markup {
     html! {
         p.note {
             strong { "relight" } ": min over s of |s I^ - I| / |I|. " strong { "log relight" } ": rms of ln((s I^ + e)/(I + e)), e = 1 % of the \
-            mean. " strong { "RGB relight" } ": the relight error over all channels, with one scale for the three; estimators that find no \
+            mean. " strong { "RGB relight" } ": the relight error over all channels, with one scale for the three; estimators without \
             colours are shown in the median colour of the photograph. " strong { "mean chroma" } ": distance of (ln R/G, ln B/G) of the \
-            relit sphere's mean from that of the reference. " strong { "BRDF log" } ": the same over the domain below 80 degrees, in luminance. " strong { "gloss order" } ": Spearman \
+            relit sphere's mean from that of the reference. " strong { "BRDF log" } ": rms logarithmic error over the domain below 80 degrees, in luminance. " strong { "gloss order" } ": Spearman \
             correlation of the logarithm of peak over mean reflectance with that of the reference. "
-            strong { "4x too glossy" } ": cells whose peak over mean is more than four times that of the reference: collapse to a mirror. "
-            strong { "converged" } ": runs that met their stopping rule. " strong { "seconds" } ": of one core."
+            strong { "4x too glossy" } ": cells whose peak over mean is more than four times that of the reference, a sign of a mirror-like solution. "
+            strong { "converged" } ": runs that met their stopping rule. " strong { "seconds" } ": time on one core."
         }
     }
 }
@@ -155,7 +155,7 @@ fn distributions(summary: &Summary, mine: &[&Record]) -> Markup {
         ecdf("RGB relight error", "RGB relight error", Axis::Linear, &sets(&|r| r.rgb(|errors| errors.estimate))),
         ecdf("BRDF error", "BRDF log error", Axis::Linear, &sets(&|r| r.brdf.unwrap_or(f64::NAN))),
     ];
-    let caption = html! { "Share of the photographs whose error is at most what the horizontal axis says: further left is better." };
+    let caption = html! { "Share of the photographs whose error is at most the value on the horizontal axis: further left is better." };
     let figures: Vec<Markup> = charts.iter().map(|c| figure::figure(c, &html! {})).collect();
     html! { (figure::grid(24, &figures)) p.note { (caption) } }
 }

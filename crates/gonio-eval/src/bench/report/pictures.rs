@@ -59,7 +59,8 @@ fn tile(record: &Record) -> Markup {
     }
 }
 
-/// Returns the estimator whose worst cells are shown: the last that is neither oracle nor trivial.
+/// Returns the estimator whose worst cells are shown: the last one that is neither an oracle nor
+/// trivial.
 fn judged(mine: &[&Record]) -> Option<Estimator> {
     let serious = mine.iter().map(|r| r.estimator).filter(|e| !e.is_oracle() && !e.is_trivial());
     serious.max()
@@ -70,7 +71,7 @@ pub(super) fn worst(mine: &[&Record]) -> Markup {
     let Some(estimator) = judged(mine) else { return html! { p { "No estimator was run." } } };
     let mut cells: Vec<&Record> = mine.iter().copied().filter(|r| r.estimator == estimator).collect();
     cells.sort_by(|a, b| b.log().total_cmp(&a.log()));
-    // One cell for each material: a mirror is bad in every light.
+    // Keep one cell for each material: the errors of a mirror are large in every light.
     let mut seen = BTreeSet::new();
     cells.retain(|r| seen.insert(r.material.as_str()));
     let all = photographs(mine);
@@ -78,14 +79,14 @@ pub(super) fn worst(mine: &[&Record]) -> Markup {
         p {
             "The largest log relight errors of " strong { (estimator.title()) } ", one for each material. Each sphere is shown in "
             (cells.first().and_then(|c| c.relight.first()).map_or("the first light", |r| r.light.as_str()))
-            " (or its substitute) at the exposure of the true one; beneath it relight, log relight and RGB relight error."
+            " (or its substitute) at the exposure of the reference, with its relight, log relight and RGB relight error."
         }
         @for cell in cells.iter().take(WORST) {
             h4 {
                 (cell.material) " seen in " (cell.light)
                 @if let Some([_, reference]) = cell.gloss { " (" (Class::of(&reference).title()) ")" }
                 @if cell.left_over > 0.02 {
-                    ": " (format!("{:.0} %", 100.0 * cell.left_over)) " of the image is beyond the light grid"
+                    "; energy beyond the light grid: " (format!("{:.0} %", 100.0 * cell.left_over))
                 }
             }
             @if let Some(failure) = &cell.failure { p.note { (failure) } }

@@ -30,7 +30,7 @@ pub(super) fn section(workshop: &Workshop, recovered: &[Recovered]) -> Markup {
     }
     html! {
         p {
-            "Each BRDF is inferred from a single picture of a sphere under " (LIGHTS[0].1) " or " (LIGHTS[1].1) ", a light that is not told, "
+            "Each BRDF is inferred from a single picture of a sphere under " (LIGHTS[0].1) " or " (LIGHTS[1].1) ", without the light as input, "
             "and shown under " (NOVEL.1) ". The inferred BRDF is monochrome; it is shown in the RGB "
             "colour that fits the picture of the truth best, as in the paper."
         }
@@ -48,7 +48,7 @@ pub(super) fn section(workshop: &Workshop, recovered: &[Recovered]) -> Markup {
             "Relight: root mean square difference to the truth over that of the truth, after the best scale, within 80 degrees. Log relight: "
             "root mean square of the logarithm of the ratio, with 1 % of the mean added to both. BRDF log: the same over the cells of the MERL grid "
             "below 80 degrees, with a thousandth of the diffuse level added. Beyond the grid: share of the input's energy that no 32 x 32 "
-            "light can make with any material of the basis; where it is large, a sharp material comes out too dull."
+            "light can produce with any material of the basis; if it is large, the estimate of a sharp material is too dull."
         }
     }
 }
@@ -91,7 +91,7 @@ fn card(material: &Material, recovered: &Recovered, light: usize) -> Markup {
     figure::card(name, &tiles, &numbers)
 }
 
-/// Sentence that sums up the errors.
+/// Returns a sentence that summarises the errors.
 fn verdict(workshop: &Workshop, recovered: &[Recovered]) -> String {
     let mut cells: Vec<(f64, String)> = workshop
         .materials

@@ -1,5 +1,5 @@
-//! Fig. 6: a BRDF from a photograph of a real ball, judged by the photographs under its other
-//! lights and by measurement.
+//! Fig. 6: a BRDF from a photograph of a real ball, compared with photographs under other lights
+//! and with the measured BRDF.
 
 use std::path::Path;
 
@@ -23,8 +23,8 @@ use gonio_report::page::{figure, table};
 /// The lights of the photographs that are shown.
 const LIGHTS: [&str; 3] = ["city", "interior", "sunset"];
 
-/// Columns of the measurement that are charted, degrees of `theta_d`; each is the cell from that
-/// degree to the next.
+/// Charted columns of the measurement, degrees of `theta_d`; each number is the lower end of a cell
+/// of one degree.
 const CHARTED: [usize; 3] = [2, 10, 20];
 
 /// Estimates from one photograph.
@@ -90,9 +90,9 @@ pub(super) fn section(workshop: &Workshop) -> Result<Markup> {
     let beyond = estimates.iter().map(|e| e.left_over).fold(0.0, f64::max);
     Ok(html! {
         p {
-            "A ball photographed under single lamps, which add up to three known lights. All light comes from a frontal patch, at most "
+            "The ball was photographed under single lamps, which add up to three known lights. All light comes from a frontal patch, at most "
             (format!("{:.0}", reach(&ball))) " degrees from the view: " strong { "the prior of natural light is wrong for it" }
-            ", since natural light comes from all around. The blind estimates see one photograph each, and neither its light nor the others. "
+            ", since natural light comes from all around. The blind estimates use one photograph each, and neither its light nor the other photographs. "
             "Predictions sum the inferred BRDF over the lamps of the other lights; their colour is the median colour of the input."
         }
         (figure::grid(30, &cards))
@@ -106,8 +106,8 @@ pub(super) fn section(workshop: &Workshop) -> Result<Markup> {
             (format!("{training:.3}")) ", a Lambertian ball by " (format!("{lambert:.3}")) ", the BRDF inferred with the light known by "
             (format!("{known:.3}")) ", and the BRDF measured from the single lamps, which include those of the photograph, by "
             (format!("{measured:.3}")) ". " (better_than_blind(ours, &[("the training mean", training), ("the Lambertian ball", lambert)]))
-            " At most " (format!("{:.1} %", 100.0 * beyond))
-            " of a photograph's energy is finer than a 32 x 32 light can make."
+            " Energy of a photograph that no 32 x 32 light can produce: at most "
+            (format!("{:.1} %", 100.0 * beyond)) "."
         }
         (against_measurement(&ball, &estimates, &mean))
     })
@@ -130,13 +130,13 @@ fn reach(ball: &Captured) -> f64 {
     lights.map(|l| l.direction.angle_between(DVec3::Z).to_degrees()).fold(0.0, f64::max)
 }
 
-/// Sentence on which of the trivial answers do better than the blind estimate.
+/// Returns a sentence on the trivial estimates with smaller errors than the blind estimate.
 fn better_than_blind(ours: f64, trivial: &[(&str, f64)]) -> String {
     let better: Vec<&str> = trivial.iter().filter(|(_, error)| *error < ours).map(|(name, _)| *name).collect();
     if better.is_empty() {
-        "The blind estimate does better than both trivial answers.".into()
+        "The blind estimate has a smaller error than both trivial estimates.".into()
     } else {
-        format!("Of the trivial answers {} did better than the blind estimate.", better.join(" and "))
+        format!("Trivial estimates with a smaller error than the blind estimate: {}.", better.join(" and "))
     }
 }
 
@@ -167,7 +167,7 @@ fn prediction(ball: &Captured, pixels: &[usize], light: usize, sent: &Plane<DVec
     let ours: Vec<f64> = pixels.iter().map(|&i| f64::from(luminance(sent.as_slice()[i].as_vec3()))).collect();
     let reference: Vec<f64> = pixels.iter().map(|&i| f64::from(luminance(photograph[i]))).collect();
     let rgb = sent.map(|c| (*c * colour).as_vec3());
-    // The colour changes the luminance: the brightness is matched after colouring.
+    // The colour changes the luminance, so the brightness is matched after colouring.
     let seen: Vec<f64> = pixels.iter().map(|&i| f64::from(luminance(rgb.as_slice()[i]))).collect();
     let factor = show::median_ratio(&seen, &reference);
     Prediction {
@@ -182,7 +182,7 @@ fn photograph(ball: &Captured, light: usize) -> Markup {
     figure::picture(&show::display(&picture, show::exposure(&picture)), &alt)
 }
 
-/// The best scale of a BRDF against the measured cells, and the log error after it:
+/// Returns the best scale of a BRDF against the measured cells, and the log error at that scale:
 /// `min_s rms ln((s F^ + e)/(F + e))`, `e` a thousandth of the measured diffuse level, over cells
 /// below 80 degrees.
 fn fit(ball: &Captured, f: impl Fn(f64, f64) -> f64) -> (f64, f64) {
@@ -234,7 +234,7 @@ fn against_measurement(ball: &Captured, estimates: &[Estimate], mean: &Bivariate
         h3 { "Against the measured BRDF" }
         p {
             "The BRDF of the ball as measured from its single-lamp photographs: " (count) " cells of one degree, theta_d up to "
-            (format!("{furthest:.0}")) " degrees. Beyond, nothing was measured."
+            (format!("{furthest:.0}")) " degrees. There are no measurements beyond."
         }
         (figure::grid(20, &charts))
         (table::table("BRDF log error over the measured cells with theta_h below 80 degrees", &["BRDF", "blind", "light known"], &rows))

@@ -1,4 +1,4 @@
-//! The paper's remark on Fig. 6: the inferred BRDFs put materials in order of gloss.
+//! The paper's remark on Fig. 6: the inferred BRDFs rank materials by gloss.
 
 use maud::{Markup, html};
 
@@ -56,8 +56,8 @@ pub(super) fn section(workshop: &Workshop, recovered: &[Recovered]) -> Markup {
     html! {
         p {
             "Rank correlation (Spearman) with the truth over " (truth.len()) " materials. By the peak of the highlight over the mean: "
-            strong { (list(&peak)) } ". By its contrast with the diffuse level: " (list(&contrast)) ". By its width: " (list(&width)) ". One is the true order, zero no relation. Of "
-            (pairs().count()) " estimates " (duller) " have less contrast than the truth."
+            strong { (list(&peak)) } ". By its contrast with the diffuse level: " (list(&contrast)) ". By its width: " (list(&width)) ". One is the true order, zero no relation. "
+            "The contrast is smaller than the true contrast in " (duller) " out of " (pairs().count()) " estimates."
         }
         (figure::grid(22, &[
             panel("Contrast of the highlight", "log of peak over diffuse level", Axis::Linear, &|g| g.contrast),

@@ -45,8 +45,8 @@ pub(super) fn section(workshop: &Workshop) -> Result<Markup> {
         h3 { "Wavelet coefficients and their prior" }
         p {
             "Haar coefficients of " (lights.len()) " training lights, each scaled to integrate to one, on a " (SIDE) " x " (SIDE)
-            " equal-area octahedral map, against the embedded prior of light, which was fitted to them. Where bars stand above the "
-            "curve the prior holds such coefficients for rarer than they are."
+            " equal-area octahedral map, against the embedded prior of light, which was fitted to them. Where bars exceed the "
+            "curve, the prior underestimates the frequency of such coefficients."
         }
         (figure::grid(20, &charts))
     })
@@ -109,7 +109,7 @@ fn octahedral(workshop: &Workshop) -> Result<Markup> {
         rgb.map(|p| exposure.apply(*p))
     };
     let square = |grid: LightGrid| exposed(Plane::from_vec(grid.side(), grid.side(), grid.texels().to_vec()));
-    // Each pixel of the picture is the mean of a block of texels: averaged, not sampled.
+    // Each pixel of the picture is the mean of a block of texels, not a sample.
     let radiance = light.radiance();
     let step = (radiance.width() / 512).max(1);
     let small = Plane::from_fn(radiance.width() / step, radiance.height() / step, |x, y| {
@@ -134,9 +134,9 @@ fn octahedral(workshop: &Workshop) -> Result<Markup> {
     Ok(figure::figure(
         &tiles,
         &html! {
-            strong { (name) } " as captured and unfolded. The centre of the lat-long map is behind the object; the centre of the square is "
-            "the direction of the camera, its corners meet behind the object, its upper half is the upper half of the world. The inference "
-        "sees light on 32 x 32 texels."
+            strong { (name) } " in both projections. The centre of the lat-long map is behind the object. The centre of the square is "
+            "the direction of the camera; its corners meet behind the object, and its upper half is the upper half of the world. The inference "
+        "represents light on 32 x 32 texels."
         },
     ))
 }

@@ -3,8 +3,8 @@
 //!
 //! One file per figure: [`trivial`] (Fig. 1), [`lighting`] (Fig. 2), [`reflectance`] (Fig. 3),
 //! [`appearance`] (Fig. 4), [`stability`] (Fig. 5), [`captured`] (Fig. 6), [`gloss`] (the remark on
-//! Fig. 6). [`workshop`] holds what they share: data, model, estimator; [`recovery`] makes the
-//! estimates of Figs. 4, 5 and of the gloss order once; [`show`] turns radiance into pictures.
+//! Fig. 6). [`workshop`] holds the data, model and estimator that they share. [`recovery`] computes
+//! the estimates of Figs. 4, 5 and of the gloss order once. [`show`] converts radiance to pictures.
 
 mod appearance;
 mod captured;
@@ -29,11 +29,11 @@ use workshop::Workshop;
 /// Options of `gonio-eval paper`.
 #[derive(clap::Args)]
 pub(crate) struct Options {
-    /// The report, an HTML file
+    /// HTML file of the report
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
-    /// Folder of full MERL `.binary` files; without one, or without a material's file, the
-    /// bivariate tables of the data are spread over phi_d
+    /// Folder of full MERL `.binary` files; for materials without a file, the bivariate tables of
+    /// the data are spread over phi_d
     #[arg(long, value_name = "DIR")]
     merl: Option<PathBuf>,
     /// Random starts of each inference
@@ -65,10 +65,10 @@ impl Estimator {
 
 pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
     let start = Instant::now();
-    // Checked now, not after minutes of work.
+    // Check now, not after minutes of computation.
     let folder = options.output.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
     if !folder.is_dir() || options.output.is_dir() {
-        bail!("{}: give a file in a folder that exists", options.output.display());
+        bail!("{}: specify a file in an existing folder", options.output.display());
     }
     let workshop = step("data", || Workshop::open(data, options))?;
     let mut sections = Vec::new();
@@ -87,10 +87,10 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
     add("gloss", "The order of gloss", gloss::section(&workshop, &recovered));
     let lead = html! {
         p {
-            "The figures and tables of " em { "Blind Reflectometry" } ", made anew by gonio " (env!("CARGO_PKG_VERSION")) ". "
+            "The figures and tables of " em { "Blind Reflectometry" } ", reproduced by gonio " (env!("CARGO_PKG_VERSION")) ". "
             "From one high-dynamic-range picture under unknown light the BRDF is inferred as " (options.estimator.words())
             ", best of " (options.starts) @if options.starts == 1 { " start" } @else { " starts" } ". "
-            "The scale of a BRDF cannot be known from such a picture; every error is measured after the best scale."
+            "Such a picture does not determine the scale of a BRDF; every error is measured after the best scale."
         }
         p.note {
             "Materials are the " em { "reconstructed" } " MERL database, not the original measurements. The basis of the inference "
@@ -108,7 +108,7 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
     Ok(())
 }
 
-/// Runs `work`, and prints on standard error how long it took.
+/// Runs `work`, and prints its duration to standard error.
 fn step<T>(label: &str, work: impl FnOnce() -> Result<T>) -> Result<T> {
     let start = Instant::now();
     let result = work()?;

@@ -100,9 +100,9 @@ pub(super) fn section(workshop: &Workshop) -> Result<Markup> {
         h3 { "Fits" }
         p {
             "The non-negative basis with " (RANKS[0]) ", " (RANKS[1]) " and " (RANKS[2]) " functions, the material itself, and the published "
-            "Cook-Torrance fit, under " (super::workshop::NOVEL.1) ": the green channel, on which the bases were trained, as if the material had no colour of its own. "
-            "All five have the exposure of the material itself. The fit is by least squares over the table, to which the dark parts of a BRDF "
-            "with a bright highlight matter little."
+            "Cook-Torrance fit, under " (super::workshop::NOVEL.1) ", in the green channel, on which the bases were trained, shown in grey. "
+            "All five have the exposure of the material itself. The fits minimise the squared error over the table, in which the dark parts of a BRDF "
+            "with a bright highlight have little weight."
         }
         (figure::grid(30, &cards))
         (comparison(&errors, names.len()))
@@ -166,7 +166,7 @@ fn spheres(workshop: &Workshop, material: &Material, bases: &[Trained], fits: &[
     Ok(figure::card(name, &figure::tiles(&tiles), &caption))
 }
 
-/// Formats an error with few digits, however small.
+/// Formats an error with four decimals below 0.1, and with two above.
 fn short(error: f64) -> String {
     if error < 0.1 { format!("{error:.4}") } else { format!("{error:.2}") }
 }
@@ -187,7 +187,7 @@ fn comparison(errors: &[Errors], count: usize) -> Markup {
     let find = |name: &str| errors.iter().find(|e| e.name == name).map(statistics);
     let ratio = match (find(PAPER[0].0), find(PAPER[1].0)) {
         (Some(nmf), Some(ct)) => format!(
-            "Ten functions are {:.1} times (mean) and {:.1} times (median) as close as Cook-Torrance; in the paper, {:.1} and {:.1} times.",
+            "The error of Cook-Torrance is {:.1} times (mean) and {:.1} times (median) that of ten functions; in the paper, {:.1} and {:.1} times.",
             ct.0 / nmf.0,
             ct.1 / nmf.1,
             PAPER[1].1 / PAPER[0].1,
@@ -202,7 +202,7 @@ fn comparison(errors: &[Errors], count: usize) -> Markup {
             &["model", "mean", "median", "paper, mean", "paper, median"],
             &rows,
         ))
-        p { (ratio) " The paper's numbers are of the original measurements." }
+        p { (ratio) " The paper's numbers are for the original measurements." }
         (figure::figure(
             &chart::ecdf("RMS error over the materials", "RMS error (1/sr)", Axis::Log, &sets),
             &html! { "For each model, the share of the " (count) " materials whose error is at most that on the horizontal axis." },
@@ -210,11 +210,11 @@ fn comparison(errors: &[Errors], count: usize) -> Markup {
     }
 }
 
-/// Finds the most specular function of a basis, and of the others the most grazing one.
+/// Finds the most specular function of a basis, and the most grazing one of the others.
 ///
 /// Specularity is the ratio of a function's mean over `theta_h < 5`, `theta_d < 60` degrees to its
-/// mean over all trusted cells; grazing reflection is the ratio of its mean over `theta_h < 30`,
-/// `theta_d > 65` to that over the same `theta_h` at `theta_d < 45`.
+/// mean over all trusted cells. Grazing reflection is the ratio of its mean over `theta_h < 30`,
+/// `theta_d > 65` to its mean over the same `theta_h` at `theta_d < 45`.
 fn specular_and_grazing(basis: &ReflectanceBasis) -> Option<(usize, usize)> {
     let mean = |table: &BivariateTable, keep: &dyn Fn(f64, f64) -> bool| {
         let cells: Vec<f64> = trusted_cells()
@@ -261,8 +261,8 @@ fn functions(trained: &Trained) -> Markup {
         h3 { "Two of the ten functions, and how materials use them" }
         p {
             "Rows are MERL's theta_h samples, dense at the top: highlights are at the top edge, grazing reflection at the top right, "
-            "retro-reflection at the left. The charts are of the coefficients of all " (basis.materials.len())
-            " materials, each scaled to maximum one, with the exponential of the same mean, their prior."
+            "retro-reflection at the left. The charts show the coefficients of all " (basis.materials.len())
+            " materials, each scaled to maximum one, and their prior, the exponential of the same mean."
         }
         (figure::grid(20, &figures))
     }
@@ -289,7 +289,7 @@ mod tests {
     }
 
     #[test]
-    fn the_rule_finds_what_a_person_would_name() {
+    fn finds_the_specular_and_the_grazing_function() {
         let flat = BivariateTable::from_fn(|_, _| 1.0);
         let lobe = BivariateTable::from_fn(|h, _| (-(h / 0.03).powi(2)).exp());
         let broad = BivariateTable::from_fn(|h, _| (-(h / 0.4).powi(2)).exp());

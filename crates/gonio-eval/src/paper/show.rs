@@ -7,7 +7,7 @@ use gonio::render::{Accuracy, Brdf, Exposure, IntegratorSettings, LightTree, Sph
 use gonio::shape::SurfacePoint;
 use rayon::prelude::*;
 
-/// Background of every object: dark, not black, on light and dark pages alike.
+/// Background of every object: dark, but not black, on light and dark pages.
 const GROUND: Vec3 = Vec3::new(0.012, 0.013, 0.015);
 /// Side of pictures of spheres, pixels.
 pub(super) const SPHERE: usize = 96;
@@ -25,7 +25,7 @@ pub(super) fn sphere(brdf: &dyn Brdf, light: &LightTree) -> Picture {
     render_sphere(brdf, light, &settings(SPHERE, false), &|_| ())
 }
 
-/// Luminance of points of a material in a light, with the accuracy that errors are measured with.
+/// Luminance of points of a material in a light, with the accuracy for measuring errors.
 pub(super) fn luminances(points: &[SurfacePoint], brdf: &MerlTable, light: &LightTree) -> Vec<Option<f64>> {
     let (envelope, accuracy) = (brdf.envelope(), IntegratorSettings::default());
     let seen = |p| luminance(radiance(p, brdf, &envelope, light, &accuracy).as_vec3());
@@ -66,7 +66,7 @@ pub(crate) fn scaled(picture: &Picture, factor: f64) -> Picture {
 }
 
 /// Colours a grey picture to fit the reference, by least squares in each channel over the pixels
-/// that both cover fully: the paper displays a grey estimate so.
+/// that both cover fully. The paper displays grey estimates in this way.
 pub(super) fn best_coloured(grey: &Picture, reference: &Picture) -> Picture {
     let (ours, theirs) = (grey.rgb.as_slice(), reference.rgb.as_slice());
     let (mut up, mut down) = (DVec3::ZERO, DVec3::ZERO);
@@ -113,7 +113,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn pictures_stand_in_order() {
+    fn pictures_are_joined_in_order() {
         let grey = |v: f32| Plane::from_fn(2, 3, move |_, _| Vec3::splat(v));
         let both = beside(&[grey(0.1), grey(0.2)]);
         assert_eq!((both.size(), both[(1, 2)].x, both[(2, 0)].x), ((4, 3), 0.1, 0.2));

@@ -14,14 +14,13 @@ use super::workshop::{LIGHTS, Material, Workshop};
 use crate::metrics;
 use gonio_report::page::figure;
 
-/// Angles between lamp and view, degrees: they sweep theta_d from 0 to 70 degrees where the
-/// highlight is.
+/// Angles between lamp and view, degrees: at the highlight, theta_d runs from 0 to 70 degrees.
 const ANGLES: [f64; 5] = [0.0, 35.0, 70.0, 105.0, 140.0];
 /// Elevation of the lamp, degrees.
 const ELEVATION: f64 = 20.0;
 /// Half the width of the lamp, degrees.
 const LAMP: f64 = 4.0;
-/// Radiance of everything else over that of the lamp.
+/// Radiance of all other directions over that of the lamp.
 const AMBIENT: f32 = 2e-4;
 /// Side of each sphere, pixels.
 const SIZE: usize = 96;
@@ -38,8 +37,8 @@ pub(super) fn section(workshop: &Workshop, recovered: &[Recovered]) -> Markup {
     html! {
         p {
             "Each picture has five spheres, lit by a small round lamp at " (ANGLES.map(|a| format!("{a:.0}")).join(", "))
-            " degrees from the view, raised by " (format!("{ELEVATION:.0}")) " degrees, with a little light from everywhere. Top to bottom: the BRDF found under "
-            (LIGHTS[0].1) ", the truth, the BRDF found under " (LIGHTS[1].1)
+            " degrees from the view, raised by " (format!("{ELEVATION:.0}")) " degrees, with faint light from all directions. Top to bottom: the BRDF estimated under "
+            (LIGHTS[0].1) ", the truth, the BRDF estimated under " (LIGHTS[1].1)
             ". Estimates are monochrome, in the colour that fits the truth best, and as bright as the truth in the median."
         }
         (figure::grid(26, &cards))
@@ -47,13 +46,13 @@ pub(super) fn section(workshop: &Workshop, recovered: &[Recovered]) -> Markup {
             "The same material from two lights: BRDF log error between the two estimates " (format!("{within:.2}"))
             " in the median. Two different materials under one light: " (format!("{between:.2}")) ". The ratio is "
             strong { (format!("{:.2}", within / between)) }
-            ": 0 would be estimates that do not depend on the light, 1 estimates that depend on it as much as on the material."
+            ": 0 if estimates do not depend on the light, 1 if they depend on the light as much as on the material."
         }
     }
 }
 
-/// Light of a lamp at this angle (degrees) to the right of the view, raised, with faint light from
-/// everywhere.
+/// Light of a raised lamp at this angle (degrees) to the right of the view, with faint light from
+/// all directions.
 fn lamp(angle: f64) -> LightTree {
     let (turn, raise) = (angle.to_radians(), ELEVATION.to_radians());
     let centre = DVec3::new(turn.sin() * raise.cos(), raise.sin(), turn.cos() * raise.cos());
@@ -70,7 +69,7 @@ fn card(material: &Material, recovered: &Recovered, lamps: &[LightTree]) -> Mark
         lamps.iter().map(|l| render_sphere(brdf, l, &settings, &|_| ())).collect()
     };
     let truth = render(&material.full);
-    // The second sphere, lit at 35 degrees from the view, shows all that the exposure should show.
+    // The second sphere, lit at 35 degrees from the view, determines the exposure.
     let exposure = show::exposure(&truth[1]);
     let strip =
         |pictures: &[Picture]| show::beside(&pictures.iter().map(|p| show::display(p, exposure)).collect::<Vec<_>>());
@@ -138,8 +137,8 @@ mod tests {
     }
 
     #[test]
-    fn the_lamp_is_where_it_should_be() {
-        // A mirror-like sphere shows the lamp where the normal is half way between it and the view.
+    fn the_lamp_has_the_stated_direction() {
+        // A mirror-like sphere shows the lamp where the normal is half way between lamp and view.
         let mirror = BivariateTable::from_fn(|h, _| if h < 0.05 { 100.0 } else { 0.0 });
         let settings = show::settings(64, false);
         for angle in [0.0, 70.0] {

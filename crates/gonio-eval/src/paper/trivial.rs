@@ -1,6 +1,6 @@
-//! Fig. 1, top: whether the single best explanation of an image drifts to a mirror in a blurry
-//! world. Shows the joint maximum and the separable posterior at several noise levels, and the
-//! joint maximum over the iterations.
+//! Fig. 1, top: tests whether the single best explanation of an image drifts to a mirror in a
+//! blurry light. Shows the joint maximum and the separable posterior at several noise levels, and
+//! the joint maximum over the iterations.
 
 use anyhow::{Context, Result};
 use gonio::inference::{Hyper, JointMapSettings, Method, Posterior, VariationalSettings};
@@ -20,12 +20,12 @@ use crate::metrics::Gloss;
 use gonio_report::page::chart::{self, Axis, Frame, Series};
 use gonio_report::page::{figure, table};
 
-/// Materials photographed: a matte one, whose image a mirror could show only in a blurry light, and
+/// Photographed materials: a matte one, whose image a mirror could show only in a blurry light, and
 /// a satin one.
 const PHOTOGRAPHED: [&str; 2] = ["red-fabric", "blue-metallic-paint"];
 /// Standard deviations at which the noise is fixed, relative to the root mean square of the image.
 const NOISE: [f64; 6] = [0.3, 0.1, 0.05, 0.02, 0.01, 0.003];
-/// Weight of the prior that fixes the noise, in observations per observation of the image.
+/// Weight of the prior that fixes the noise, relative to the number of observations.
 const HOLD: f64 = 1e3;
 /// Iterations after which the joint maximum is shown.
 const ITERATIONS: [usize; 7] = [1, 3, 10, 30, 100, 300, 600];
@@ -116,7 +116,7 @@ fn of_material(workshop: &Workshop, material: &Material, projected: &Projected, 
     let rows: Vec<Vec<String>> = (0..=NOISE.len())
         .map(|i| {
             let (j, s) = (&joints[i], &separables[i]);
-            let settled = |e: &Explanation| if e.settled { "" } else { " (not settled)" };
+            let settled = |e: &Explanation| if e.settled { "" } else { " (not converged)" };
             vec![
                 label(i),
                 format!("{:.2}{}", j.gloss.peak, settled(j)),
@@ -211,7 +211,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_detail_is_of_the_two_finest_scales() {
+    fn detail_measures_the_two_finest_scales() {
         let mut light = vec![0.0; SIDE * SIDE];
         light[..64].fill(7.0);
         assert_eq!(detail(&light), 0.0);

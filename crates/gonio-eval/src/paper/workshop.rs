@@ -16,7 +16,7 @@ use super::{Estimator, Options};
 use crate::data::Lights;
 use crate::materials::{Materials, Source};
 
-/// Materials of Figs. 4 and 5 from matte to sharp, as far as a 32 x 32 light can resolve.
+/// Materials of Figs. 4 and 5 from matte to the sharpest that a 32 x 32 light can resolve.
 pub(super) const MATERIALS: [&str; 8] = [
     "red-fabric",
     "yellow-plastic",
@@ -47,7 +47,7 @@ pub(super) struct Workshop {
     pub(super) model: Model,
     /// The whole database.
     pub(super) all: Materials,
-    /// Lights that the prior has not seen.
+    /// Lights outside the training data of the prior.
     pub(super) test_lights: Lights,
     /// The materials of [`MATERIALS`].
     pub(super) materials: Vec<Material>,
@@ -92,16 +92,16 @@ impl Workshop {
         })
     }
 
-    /// Sentence on the tables that the inputs were rendered from.
+    /// Returns a sentence on the tables from which the inputs are rendered.
     pub(super) fn inputs_note(&self) -> String {
         match self.spread.len() {
             0 => "Inputs and ground truth are rendered from full 90 x 90 x 180 tables in the MERL format.".into(),
-            missing if missing == self.materials.len() => "There were no full MERL tables (--merl): inputs and ground \
+            missing if missing == self.materials.len() => "Full MERL tables (--merl) are missing: inputs and ground \
                 truth are rendered from bivariate tables spread over phi_d."
                 .into(),
             _ => format!(
-                "Inputs and ground truth are rendered from full 90 x 90 x 180 tables in the MERL format, but for {}, of which the \
-                 bivariate table was spread over phi_d.",
+                "Inputs and ground truth are rendered from full 90 x 90 x 180 tables in the MERL format, except for {}, whose \
+                 bivariate tables are spread over phi_d.",
                 self.spread.join(", ")
             ),
         }
@@ -114,13 +114,13 @@ impl Workshop {
         let (plan, _, failed) =
             load_or_build(self.cache.as_ref(), points, tables, &self.model.light, &settings, &|_| ())?;
         if let Some(error) = failed {
-            eprintln!("the plan could not be kept for next time: {error}");
+            eprintln!("cannot store the plan in the cache: {error}");
         }
         Ok(plan)
     }
 
-    /// Infers blind from an image: returns the posterior and its mean BRDF. `name` is for the error
-    /// message.
+    /// Infers blind from an image: returns the posterior and its mean BRDF. `name` appears in error
+    /// messages.
     pub(super) fn infer(&self, image: &Projected, name: &str) -> Result<(Posterior, BivariateTable)> {
         self.infer_by(image, Hyper::with_model_error(image.pixels), &self.method, name)
     }
@@ -159,7 +159,7 @@ impl Workshop {
         let posterior = infer(problem, method, &|_| ());
         let table = self.model.reflectance.combine(&posterior.reflectance)?;
         if table.trusted_max() <= 0.0 {
-            bail!("{name}: every reflectance coefficient came out zero");
+            bail!("{name}: all reflectance coefficients are zero");
         }
         Ok((posterior, table))
     }

@@ -10,28 +10,29 @@ use super::judge::WITHIN;
 use super::object::Captured;
 use crate::metrics::{mean, relight};
 
-/// RGB relight errors of an answer and of references, the mean over the photographs that were not
-/// seen; NaN if there is only one.
+/// RGB relight errors of an estimate and of references: means over the photographs that the
+/// estimate does not use; NaN if there is only one photograph.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub(super) struct RgbErrors {
-    /// The channels that were found.
+    /// The estimated channels.
     pub(super) estimate: f64,
-    /// The luminance that was found, in grey.
+    /// The estimated luminance, in grey.
     pub(super) grey: f64,
-    /// The luminance that was found, in the median colour of the photograph.
+    /// The estimated luminance, in the median colour of the photograph.
     pub(super) median: f64,
-    /// The luminance that was found, in the single colour that fits the other photographs best: an
+    /// The estimated luminance, in the single colour that fits the other photographs best: an
     /// oracle.
     pub(super) one: f64,
     /// The measured slice in the single colour that fits best: an oracle.
     pub(super) measured: f64,
 }
 
-/// Luminance of a reflectance by half and difference angle, and its channels' ratios to it.
+/// Red, green and blue channel of a reflectance over half and difference angle (radians).
 type Channels<'a> = [&'a (dyn Fn(f64, f64) -> f64 + Sync); 3];
 
 impl RgbErrors {
-    /// Judges the colours of a luminance table. `median` is the median colour of the photograph.
+    /// Measures the errors of the colours of a luminance table. `median` is the median colour of
+    /// the photograph.
     pub(super) fn of(
         object: &Captured,
         seen: usize,
@@ -53,8 +54,8 @@ impl RgbErrors {
     }
 }
 
-/// Mean relight error over the photographs but the one that was seen. With `coloured`, each channel
-/// has a scale of its own, the same in all photographs.
+/// Mean relight error over the photographs other than `seen`. With `coloured`, each channel has its
+/// own scale, the same in all photographs.
 fn error(object: &Captured, seen: usize, channels: Channels<'_>, coloured: bool) -> f64 {
     let pixels = object.pixels(WITHIN);
     let others = (0..object.photographs.len()).filter(|at| *at != seen);
@@ -69,7 +70,7 @@ fn error(object: &Captured, seen: usize, channels: Channels<'_>, coloured: bool)
         .collect();
     let scale = |c: usize| {
         let sums = pairs.iter().map(|[sent, seen]| {
-            // Each photograph counts alike, whatever its exposure.
+            // Each photograph has the same weight, regardless of its exposure.
             let norm = seen.iter().map(|p| p.length_squared()).sum::<f64>().max(f64::MIN_POSITIVE);
             let product = |a: &[DVec3], b: &[DVec3]| a.iter().zip(b).map(|(a, b)| a[c] * b[c]).sum::<f64>() / norm;
             (product(sent, seen), product(sent, sent))

@@ -9,7 +9,7 @@ use super::object::Captured;
 use super::slice::Cell;
 use crate::metrics::{self, Relight};
 
-/// Predictions are judged where the normal is less than this many degrees from the view.
+/// Predictions are compared at pixels whose normal is less than this many degrees from the view.
 pub(super) const WITHIN: f32 = 75.0;
 
 /// Half angles, in degrees, that count as the highlight, and those that count as the base.
@@ -46,9 +46,9 @@ pub(super) fn coverage(cells: &[Cell], table: &BivariateTable, quantiles: &[Biva
     [inside(&quantiles[1], &quantiles[2]), inside(&quantiles[0], &quantiles[3])]
 }
 
-/// Gloss of a reflectance over the measured cells: its mean over the cells with `theta_h` below 3
-/// degrees over its mean over those from 45 to 80 degrees. One for a Lambertian surface; NaN if
-/// either range has no cells.
+/// Gloss of a reflectance over the measured cells: the ratio of its mean over cells with `theta_h`
+/// below 3 degrees to its mean over cells from 45 to 80 degrees. One for a Lambertian surface; NaN
+/// if either range has no cells.
 pub(super) fn gloss(cells: &[Cell], f: Reflectance<'_>) -> f64 {
     let mean = |wanted: &dyn Fn(f64) -> bool| {
         let those = cells.iter().filter(|c| wanted(c.theta_h.to_degrees()));
@@ -90,7 +90,7 @@ mod tests {
     }
 
     #[test]
-    fn the_truth_has_no_error_on_any_scale() {
+    fn the_truth_has_no_error_at_any_scale() {
         let truth = glossy();
         let ball = planted::ball(&truth);
         let scaled = |h: f64, d: f64| 7.0 * truth.eval(h, d);
@@ -105,8 +105,8 @@ mod tests {
 
     #[test]
     fn the_slice_error_is_the_spread_around_the_median() {
-        // A quarter of the judged cells is doubled: the median stays, and a quarter of ln(2)^2 is
-        // left.
+        // A quarter of the judged cells is doubled: the median offset is unchanged, and the mean
+        // square error is a quarter of ln(2)^2.
         let cells = planted::measured(|h, _| 1.0 + h).judged();
         assert_eq!(cells.len(), 80 * 30);
         let edge = 20.0_f64.to_radians();
@@ -126,9 +126,9 @@ mod tests {
     }
 
     #[test]
-    fn intervals_hold_what_lies_inside_them() {
+    fn coverage_counts_the_cells_inside_the_intervals() {
         let truth = glossy();
-        // Three quarters of the cells equal the table, the others are higher by half.
+        // Three quarters of the cells equal the table, the others are 1.5 times as large.
         let edge = 20.0_f64.to_radians();
         let cells = planted::measured(|h, d| truth.eval(h, d) * if h < edge { 1.5 } else { 1.0 }).judged();
         let estimate = truth.scaled(0.2);

@@ -1,12 +1,13 @@
-//! `gonio-eval captured`: judges the default method on photographs of real objects, by their
-//! measured BRDF and their photographs in other lights.
+//! `gonio-eval captured`: evaluates the default method on photographs of real objects, against
+//! their measured BRDF and their photographs in other lights.
 //!
-//! [`object`] and [`slice`](mod@slice) hold the captured data, [`judge`] measures the errors of a
-//! BRDF against them, [`study`] estimates from each photograph, [`several`] from some together,
-//! [`report`] writes the tables and [`page`] the pictures. Each estimate stands beside three
-//! references: a Lambertian answer; the measured slice itself, whose only errors are those from
-//! shadows, texture and registration; and the profile of that slice, the best answer that depends
-//! on `theta_h` alone.
+//! [`object`] and [`slice`](mod@slice) hold the captured data, and [`judge`] measures the errors of
+//! a BRDF against them. [`study`] estimates from each photograph, [`several`] from several
+//! photographs together. [`report`] writes the tables and [`page`] the pictures.
+//!
+//! Each estimate is compared with three references. The first is a Lambertian surface. The second
+//! is the measured slice itself, whose only errors come from shadows, texture and registration. The
+//! third is the profile of that slice, the best function of `theta_h` alone.
 
 mod colour;
 mod judge;
@@ -29,13 +30,13 @@ pub(crate) use slice::Cell;
 /// Options of `gonio-eval captured`.
 #[derive(clap::Args)]
 pub(crate) struct Options {
-    /// Model instead of the embedded one
+    /// Model to use instead of the embedded one
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
-    /// Objects, folders of DATA/captured [default: all]
+    /// Objects: names of folders in DATA/captured [default: all]
     #[arg(long, value_delimiter = ',', value_name = "NAMES")]
     objects: Vec<String>,
-    /// Give the lights of each photograph, as `gonio infer --light` does
+    /// Use the known lights of each photograph, like `gonio infer --light`
     #[arg(long)]
     lit: bool,
     /// Folder for `captured.csv`, `captured.json` and pictures in `captured.html`
@@ -78,7 +79,7 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
     }
     print!("{}\n{}", report::markdown(&records), several::markdown(&together));
     if !refused.is_empty() {
-        bail!("no answer to {} of the photographs:\n{}", refused.len(), refused.join("\n"));
+        bail!("no estimate from {} of the photographs:\n{}", refused.len(), refused.join("\n"));
     }
     Ok(())
 }

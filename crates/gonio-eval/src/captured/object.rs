@@ -12,7 +12,7 @@ use rayon::prelude::*;
 
 use super::slice::Slice;
 
-/// Ending of the file of a photograph's lights, after the photograph's name.
+/// Suffix of the file of a photograph's lights, after the photograph's name.
 const LIGHTS: &str = "_lights.txt";
 
 /// Light from one direction.
@@ -20,7 +20,7 @@ const LIGHTS: &str = "_lights.txt";
 pub(crate) struct Directional {
     /// Unit vector towards the light.
     pub(crate) direction: DVec3,
-    /// RGB irradiance on a surface that faces it, up to a scale common to all.
+    /// RGB irradiance on a surface that faces the light, up to a scale common to all lights.
     pub(crate) weight: DVec3,
 }
 
@@ -35,7 +35,7 @@ pub(crate) struct Photograph {
 pub(crate) struct Captured {
     /// Name of the object's folder.
     pub(crate) name: String,
-    /// Unit normals in camera space, zero where there are none.
+    /// Unit normals in camera space; zero at pixels without a normal.
     pub(crate) normals: Plane<Vec3>,
     /// Mask, one on the object.
     pub(crate) mask: Plane<f32>,
@@ -47,7 +47,7 @@ pub(crate) struct Captured {
 /// Lists the folders of captured objects in a folder of data, in order of name.
 pub(crate) fn folders(data: &Path) -> Result<Vec<PathBuf>> {
     let folder = data.join("captured");
-    let context = || format!("{}: cannot list the objects; --data names the folder of the data", folder.display());
+    let context = || format!("{}: cannot list the objects; specify the data folder with --data", folder.display());
     let mut found = Vec::new();
     for entry in std::fs::read_dir(&folder).with_context(context)? {
         let path = entry.with_context(context)?.path();
@@ -124,7 +124,7 @@ impl Captured {
     }
 }
 
-/// Names of the photographs in a folder: those that have lights.
+/// Names of the photographs in a folder, those with a file of lights.
 fn names(folder: &Path) -> Result<Vec<String>> {
     let context = || folder.display().to_string();
     let mut names = Vec::new();
@@ -133,7 +133,7 @@ fn names(folder: &Path) -> Result<Vec<String>> {
         names.extend(file.to_str().and_then(|name| name.strip_suffix(LIGHTS)).map(str::to_owned));
     }
     if names.is_empty() {
-        bail!("{}: no photographs here: each has its NAME{LIGHTS}", folder.display());
+        bail!("{}: no photographs here: each needs a file NAME{LIGHTS}", folder.display());
     }
     names.sort();
     Ok(names)
@@ -180,8 +180,8 @@ mod tests {
         let got = reflected(&|_, _| 0.5, DVec3::Z, &lights);
         let want = 0.5 * (DVec3::new(1.0, 2.0, 3.0) + DVec3::splat(4.0 * 0.5_f64.sqrt()));
         assert!((got - want).length() < 1e-12, "{got}");
-        // Half and difference angles of light at 45 degrees on a surface that faces the camera are
-        // both half of that.
+        // For light at 45 degrees on a surface that faces the camera, half and difference angle are
+        // both 22.5 degrees.
         let angles = reflected(&|h, d| 10.0 * h + d, DVec3::Z, &lights[1..2]);
         let eighth = 22.5_f64.to_radians();
         assert!((angles.x - 4.0 * 0.5_f64.sqrt() * 11.0 * eighth).abs() < 1e-12);

@@ -14,14 +14,15 @@ use crate::paper::show;
 pub(super) fn page(sections: &[Section]) -> String {
     let lead = html! {
         p {
-            "What the default method found from each photograph, shown in another light of the object: that photograph, and predictions from the normals and \
-             its known lights. All in luminance, each prediction on the scale that lays it over the photograph."
+            "The estimate of the default method from each photograph, shown in another light of the object: the photograph in that light, and predictions \
+             from the normals and the known lights. All pictures show luminance; each prediction is scaled to fit the photograph."
         }
     };
     document("Photographs of real objects", &lead, sections)
 }
 
-/// Section of one object: for each photograph, the next one, in another light, and its predictions.
+/// Section of one object: for each photograph, the next photograph, in another light, and its
+/// predictions.
 pub(super) fn section(object: &Captured, answers: &[Answer]) -> Section {
     let cards: Vec<Markup> = answers.iter().enumerate().map(|(seen, answer)| card(object, seen, answer)).collect();
     Section {
@@ -45,10 +46,10 @@ fn card(object: &Captured, seen: usize, answer: &Answer) -> Markup {
     let input = grey(&from.picture.rgb);
     let mut tiles = vec![
         (
-            format!("seen: {}", from.name),
+            format!("input: {}", from.name),
             figure::picture(
                 &show::display(&input, show::exposure(&input)),
-                &format!("{} under {}, the photograph that was seen", object.name, from.name),
+                &format!("{} under {}, the input photograph", object.name, from.name),
             ),
         ),
         (

@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use super::study::{Errors, Record};
 use crate::metrics::median;
 
-/// Two tables: medians of each object, then each photograph.
+/// Three tables: medians and RGB errors of each object, then the errors of each photograph.
 pub(super) fn markdown(records: &[Record]) -> String {
     format!("{}\n{}\n{}", objects(records), colours(records), photographs(records))
 }

@@ -1,4 +1,4 @@
-//! What several photographs of a captured object tell together.
+//! Errors of estimates from several photographs of a captured object.
 
 use std::fmt::Write as _;
 
@@ -12,7 +12,7 @@ use super::slice::Cell;
 use crate::metrics::{mean, median};
 use crate::together::joined;
 
-/// Errors of the answer from some photographs.
+/// Errors of the estimate from one or more photographs.
 struct Joint {
     slice: f64,
     /// Mean width of the 90 % interval of the logarithm over the judged cells.
@@ -20,20 +20,20 @@ struct Joint {
     coverage: [f64; 2],
 }
 
-/// The answers from one, two, three and more photographs of an object.
+/// Errors of the estimates from one, two, three and more photographs of an object.
 pub(super) struct Several {
     object: String,
-    /// Answers from one photograph more each.
+    /// Errors by number of photographs, from one on.
     joint: Vec<Vec<Joint>>,
-    /// Combinations that are refused.
+    /// Number of refused combinations.
     refused: usize,
 }
 
 impl Several {
-    /// Judges each photograph, and those that follow one another in the list, around its end.
+    /// Measures the errors of each cyclic run of consecutive photographs in the list.
     ///
     /// # Errors
-    /// If an answer has no quantiles.
+    /// If an estimate has no quantiles.
     pub(super) fn of(object: &str, cells: &[Cell], model: &Model, ones: &[&Material]) -> Result<Self> {
         let (mut joint, mut refused) = (Vec::new(), 0);
         for count in 1..=ones.len() {
@@ -68,11 +68,11 @@ impl Joint {
 /// Tables of the quantiles of a material.
 ///
 /// # Errors
-/// If there are not four.
+/// If the material does not have four quantiles.
 pub(super) fn quantiles(material: &Material) -> Result<[BivariateTable; 4]> {
     let tables: Vec<BivariateTable> =
         material.quantiles.iter().map(|values| BivariateTable::from_vec(values.clone())).collect();
-    tables.try_into().ok().context("the estimate has not the quantiles that coverage is measured by")
+    tables.try_into().ok().context("the estimate lacks the four quantiles for the coverage")
 }
 
 /// Table of the medians over the combinations.
@@ -109,9 +109,9 @@ mod tests {
     use super::super::planted;
     use super::*;
 
-    /// Photographs of one planted ball make the interval narrower.
+    /// More photographs of one planted ball give a narrower interval.
     #[test]
-    fn photographs_of_one_ball_agree() {
+    fn more_photographs_narrow_the_interval() {
         let model = gonio_io::model::embedded().unwrap();
         let ball = planted::ball(&BivariateTable::from_fn(|h, _| 0.2 + 2.0 * (-(h / 0.2).powi(2)).exp()));
         let picture = &ball.photographs[0].picture;

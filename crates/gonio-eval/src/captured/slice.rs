@@ -11,7 +11,7 @@ use gonio::reflectance::TRUSTED;
 /// Cells along each axis of the measurement, one degree each.
 const DEGREES: usize = 90;
 
-/// Cells are judged by only if they have more observations than this.
+/// Estimates are compared only with cells that have more observations than this.
 const OBSERVED: f64 = 50.0;
 
 /// A BRDF measured over `(theta_h, theta_d)` in cells of one degree; unlike MERL's, both axes are
@@ -37,14 +37,14 @@ pub(crate) struct Cell {
 }
 
 impl Slice {
-    /// Reads the arrays `mean` and `count` of an `.npz`.
+    /// Reads the arrays `mean` and `count` of an `.npz` file.
     pub(crate) fn read(path: &Path) -> Result<Self> {
         let file = File::open(path).with_context(|| path.display().to_string())?;
         let mut archive = zip::ZipArchive::new(file).with_context(|| path.display().to_string())?;
         let mut array = |name: &str| -> Result<Vec<f32>> {
             let context = || format!("{}, {name}.npy", path.display());
             let mut bytes = Vec::new();
-            // The arrays have 64 kB; anything beyond 1 MiB is not read.
+            // Each array has 64 kB; bytes beyond 1 MiB are not read.
             archive
                 .by_name(&format!("{name}.npy"))
                 .with_context(context)?
@@ -91,7 +91,7 @@ impl Slice {
         })
     }
 
-    /// The cells that estimates are judged by: those with more than 50 observations, `theta_h`
+    /// The cells that estimates are compared with: those with more than 50 observations, `theta_h`
     /// below 80 degrees, and a value above zero.
     pub(crate) fn judged(&self) -> Vec<Cell> {
         let sound = |c: &Cell| c.count > OBSERVED && c.theta_h < TRUSTED && c.value > 0.0;
@@ -111,7 +111,7 @@ impl Slice {
         move |theta_h| between(&places, theta_h.to_degrees() - 0.5, |h| rows[h].0 / rows[h].1)
     }
 
-    /// Value at any angles, by bilinear interpolation of the measured and filled cells.
+    /// Returns the value at any angles, by bilinear interpolation of the measured and filled cells.
     pub(crate) fn eval(&self, theta_h: f64, theta_d: f64) -> f64 {
         let place = |angle: f64| {
             let x = (angle.to_degrees() - 0.5).clamp(0.0, (DEGREES - 1) as f64);
@@ -124,8 +124,8 @@ impl Slice {
     }
 }
 
-/// Linear interpolation between the values at ascending places, constant beyond them; zero without
-/// any.
+/// Interpolates linearly between the values at ascending positions, constant beyond them; zero if
+/// there are no positions.
 fn between(places: &[usize], x: f64, value: impl Fn(usize) -> f64) -> f64 {
     let after = places.partition_point(|p| *p as f64 <= x);
     match (after.checked_sub(1).map(|i| places[i]), places.get(after)) {
@@ -189,7 +189,7 @@ mod tests {
 
     #[test]
     fn the_profile_is_the_mean_over_difference_angles() {
-        // Two columns are observed enough, a third is not.
+        // Two columns have enough observations, a third does not.
         let value = |c: usize| (1 + c / DEGREES) as f32 * [1.0, 3.0, 100.0][c % DEGREES % 3];
         let count = |c: usize| [60.0, 51.0, 50.0].get(c % DEGREES).copied().unwrap_or(0.0);
         let cells = || 0..DEGREES * DEGREES;

@@ -19,13 +19,13 @@ use super::several::{self, Several};
 use super::slice::Cell;
 use crate::metrics::{Relight, mean};
 
-/// Errors of one answer.
+/// Errors of one estimate.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub(super) struct Errors {
     /// Error against the measured slice.
     pub(super) slice: f64,
-    /// Relight error of the predictions of the object's other photographs, the mean over them; NaN
-    /// if there is only one photograph.
+    /// Mean relight error of the predictions of the object's other photographs; NaN if there is
+    /// only one photograph.
     pub(super) relight: f64,
     /// Log version of the relight error.
     pub(super) relight_log: f64,
@@ -54,9 +54,9 @@ pub(super) struct Record {
     pub(super) rgb: RgbErrors,
     /// Misfit of light and material together.
     pub(super) misfit: f64,
-    /// Reasons that the program gives to doubt the estimate.
+    /// Warnings of the program about the estimate.
     pub(super) warnings: Vec<String>,
-    /// Time from the decoded picture to material and light.
+    /// Seconds from the decoded picture to the estimated material and light.
     pub(super) seconds: f64,
 }
 
@@ -67,7 +67,7 @@ impl Record {
     }
 }
 
-/// A record and the material found.
+/// A record and the estimated material.
 pub(super) struct Answer {
     pub(super) record: Record,
     pub(super) material: Material,
@@ -93,7 +93,7 @@ impl Judged {
         Self { slice: judge::slice_error(cells, f), predictions: judge::predictions(object, f) }
     }
 
-    /// Errors averaged over all photographs but the one that was seen.
+    /// Returns the errors averaged over all photographs other than `seen`.
     fn without(&self, seen: usize) -> Errors {
         let others = |f: fn(&Relight) -> f64| {
             let errors = self.predictions.iter().enumerate().filter(|(i, _)| *i != seen);
@@ -104,11 +104,11 @@ impl Judged {
 }
 
 impl<'a> Study<'a> {
-    /// Judges the references.
+    /// Measures the errors of the references.
     pub(super) fn new(object: &'a Captured) -> Result<Self> {
         let cells = object.slice.judged();
         if cells.is_empty() {
-            bail!("measured_bivariate.npz: no cell has enough observations to judge by");
+            bail!("measured_bivariate.npz: no cell has enough observations");
         }
         let profile = object.slice.profile();
         Ok(Self {
@@ -120,10 +120,10 @@ impl<'a> Study<'a> {
         })
     }
 
-    /// Returns the answers to all photographs, in order, and the errors for those without an
-    /// answer.
+    /// Returns the estimates from all photographs, in order, and the error messages of photographs
+    /// without an estimate.
     ///
-    /// With `lit`, the lights of each photograph are given.
+    /// With `lit`, the estimates use the known lights of each photograph.
     pub(super) fn answers(&self, model: &Model, lit: bool) -> (Vec<Answer>, Vec<String>) {
         let (mut answers, mut refused) = (Vec::new(), Vec::new());
         for (seen, photograph) in self.object.photographs.iter().enumerate() {
@@ -139,10 +139,10 @@ impl<'a> Study<'a> {
         (answers, refused)
     }
 
-    /// Judges the answers from several photographs together.
+    /// Measures the errors of the estimates from several photographs together.
     ///
     /// # Errors
-    /// If an answer has no quantiles.
+    /// If an estimate has no quantiles.
     pub(super) fn several(&self, model: &Model, answers: &[Answer]) -> Result<Several> {
         let ones: Vec<&Material> = answers.iter().map(|answer| &answer.material).collect();
         Several::of(&self.object.name, &self.cells, model, &ones)
@@ -178,7 +178,7 @@ impl<'a> Study<'a> {
     }
 }
 
-/// An answer.
+/// An estimate and its diagnostics.
 struct Found {
     material: Material,
     misfit: f64,

@@ -1,4 +1,4 @@
-//! Ways to find the channels of a material from a photograph of it.
+//! Methods of estimating the channels of a material from a photograph.
 
 use anyhow::Result;
 use clap::ValueEnum;
@@ -10,10 +10,10 @@ use gonio::model::Model;
 use gonio::reflectance::BivariateTable;
 use gonio::scene::Observations;
 
-/// Texels along a side of the light's grid; it matters for shapes with self-shadowing alone.
+/// Texels along a side of the light's grid; the grid matters only for shapes with self-shadowing.
 const SIDE: usize = 32;
 
-/// A way to find the channels.
+/// A method of estimating the channels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum ColourEstimator {
     /// The luminance, in grey.
@@ -36,7 +36,7 @@ pub(crate) enum ColourEstimator {
     KnownLightTrueChroma,
 }
 
-/// A photograph of a ball with everything that an estimator or an oracle may look at.
+/// A photograph of a ball with all inputs of the estimators and oracles.
 pub(crate) struct Photograph<'a> {
     pub(crate) model: &'a Model,
     pub(crate) observations: Observations,
@@ -48,19 +48,19 @@ pub(crate) struct Photograph<'a> {
     pub(crate) truth: &'a [BivariateTable; 3],
 }
 
-/// Channels that were found.
+/// Estimated channels.
 pub(super) struct Found {
     pub(super) tables: [BivariateTable; 3],
     /// Quantiles at 5, 25, 75 and 95 % of every cell, `[channel][quantile][cell]`.
     pub(super) quantiles: Option<[Vec<Vec<f32>>; 3]>,
     /// 90 % interval of the chroma of the body.
     pub(super) body: Option<[[f64; 2]; 2]>,
-    /// Whether the answer carries a warning.
+    /// Whether the estimate has a warning.
     pub(super) warned: bool,
 }
 
 impl ColourEstimator {
-    /// The material and its colours by the default method, and whether they carry a warning.
+    /// Returns the material and its colours by the default method, and whether they have a warning.
     /// Estimators other than blind, light colour and known light have the median colour.
     pub(crate) fn posterior(self, photograph: &Photograph<'_>) -> Result<(Material, Colouring, bool)> {
         let Photograph { model, observations, light, light_chroma, .. } = photograph;
@@ -81,7 +81,7 @@ impl ColourEstimator {
         Ok((material, colouring, warned))
     }
 
-    /// Finds the channels.
+    /// Estimates the channels.
     pub(super) fn estimate(self, photograph: &Photograph<'_>) -> Result<Found> {
         let Photograph { model, observations, light, truth, .. } = photograph;
         let luminance = || Material::of(model, observations, SIDE);
@@ -119,7 +119,7 @@ impl ColourEstimator {
     }
 }
 
-/// The observations of a channel alone, in grey.
+/// Returns the observations of one channel, in grey.
 fn only(observations: &Observations, channel: usize) -> Observations {
     let value = |rgb: &Option<Vec3>| rgb.map(|rgb| rgb[channel].max(0.0));
     let image: Vec<Option<f32>> = observations.colours.iter().map(value).collect();

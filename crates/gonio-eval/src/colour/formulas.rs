@@ -1,11 +1,12 @@
-//! Materials in colour by formula: saturated bodies, coloured metals, coats over coloured bodies.
+//! Coloured materials given by formulas: saturated bodies, coloured metals, coats over coloured
+//! bodies.
 
 use gonio::reflectance::BivariateTable;
 use gonio::reflectance::parametric::Parametric;
 
 use crate::outside::{Coated, Lobes, Metal, OrenNayar, Plastic};
 
-/// All of them with their names.
+/// Returns all coloured formulas with their names.
 pub(super) fn coloured() -> Vec<(&'static str, [BivariateTable; 3])> {
     let channels = |one: &dyn Fn(usize) -> Box<dyn Parametric>| [0, 1, 2].map(|c| one(c).to_bivariate());
     // Refractive indices of gold and copper at about 610, 550 and 465 nm (Johnson & Christy 1972).

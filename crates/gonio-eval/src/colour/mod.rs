@@ -1,9 +1,10 @@
-//! `gonio-eval colour`: errors in RGB, of materials and lights that nothing was learnt from.
+//! `gonio-eval colour`: measures errors in RGB on materials and lights outside all training data.
 //!
 //! Photographs show bivariate RGB tables on a ball in full-resolution RGB light. The materials are
 //! those of `DATA/measured_extra` and `DATA/rgl`, and formulas in colour: saturated bodies,
-//! coloured metals, coats. The posterior of materials is that of the embedded model, which knows
-//! none of them; the model of colours is learnt from the MERL materials in the training lights.
+//! coloured metals, coats. The posterior of materials is that of the embedded model, whose training
+//! data contain none of them. The model of colours is learnt from the MERL materials in the
+//! training lights.
 
 mod estimators;
 mod formulas;
@@ -43,16 +44,16 @@ pub(crate) struct Options {
     /// Test lights that estimates are relit in
     #[arg(long, value_delimiter = ',', default_value = "debevec_galileo,hotel_room,usc_pisa")]
     relight: Vec<String>,
-    /// Only every N-th material
+    /// Use only every N-th material
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
     every: u32,
     /// Estimators to compare
     #[arg(long, value_enum, value_delimiter = ',')]
     estimators: Vec<ColourEstimator>,
-    /// Only materials whose names contain this
+    /// Use only materials whose names contain this text
     #[arg(long, default_value = "")]
     only: String,
-    /// Only every N-th training light for the model of colours
+    /// Learn the model of colours from every N-th training light only
     #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u32).range(1..))]
     stride: u32,
 }
@@ -81,13 +82,14 @@ struct Record {
     luminance: f64,
     /// Distance of the chroma of the relit ball's mean from the true one, mean over the lights.
     mean_chroma: f64,
-    /// The same without the chroma of the photograph's light, which no blind estimate knows.
+    /// The same distance after division by the chroma of the photograph's light, which a blind
+    /// estimate cannot determine.
     apart: f64,
     /// Distance of the chroma of the body from the true one.
     body: f64,
     /// Share of the cells of each channel in their 90 % intervals, mean of the channels.
     cells: Option<f64>,
-    /// Whether both components of the body's chroma lie in their 90 % interval.
+    /// Whether each component of the body's chroma lies in its 90 % interval.
     inside: Option<[bool; 2]>,
     warned: bool,
 }
@@ -127,8 +129,8 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
     Ok(())
 }
 
-/// Photographs every subject in every light of these names, seen from another side in each, and
-/// calls `each` with the photograph, the subject and the name of the light.
+/// Photographs every subject in each of the named lights, from a different side in each, and calls
+/// `each` with the photograph, the subject and the name of the light.
 ///
 /// # Errors
 /// If a light cannot be read; errors of `each`.
@@ -162,13 +164,13 @@ pub(crate) fn photographs(
 /// loads it from the cache.
 fn learn(data: &Path, model: &Model, stride: u32) -> Result<ColourModel> {
     let learnt = model.learnt.as_ref().context("the embedded model has no posterior of materials")?;
-    let cache = Cache::user().context("no cache folder; GONIO_CACHE_DIR names one")?;
+    let cache = Cache::user().context("no cache folder; set GONIO_CACHE_DIR")?;
     let merl = gonio_io::bivariate::read_bivariate_set(data.join("merl"))?;
     let materials = merl.into_iter().map(|(_, rgb)| rgb).collect();
     posteriors::colours(&cache, learnt, materials, &Lights::training(data)?, stride as usize)
 }
 
-/// Materials that nothing was learnt from.
+/// Returns the materials outside all training data.
 pub(crate) fn subjects(data: &Path) -> Result<Vec<Subject>> {
     let mut subjects = Vec::new();
     let extra = data.join("measured_extra");
@@ -185,7 +187,7 @@ pub(crate) fn subjects(data: &Path) -> Result<Vec<Subject>> {
         subjects.push(Subject { group: "formulas", name: name.to_owned(), rgb });
     }
     if subjects.is_empty() {
-        bail!("{}: no materials to judge colours by", data.display());
+        bail!("{}: no materials for measuring colour errors", data.display());
     }
     // Cells beyond 80 degrees are extrapolated.
     subjects.iter_mut().flat_map(|s| &mut s.rgb).for_each(BivariateTable::extend_from_trusted);

@@ -1,5 +1,5 @@
-//! Misfit of the estimated light on clean photographs, by which
-//! [`expected_misfit`](gonio::estimate::expected_misfit) is calibrated.
+//! Misfit of the estimated light on clean photographs, for the calibration of
+//! [`expected_misfit`](gonio::estimate::expected_misfit).
 
 use std::fmt::Write;
 
@@ -14,7 +14,7 @@ use gonio::lighting::LightPrior;
 use gonio::shape::SurfacePoint;
 use gonio::transfer::PlanSettings;
 
-/// Bounds of the classes of gloss, as logarithms, by which photographs are counted.
+/// Bounds of the gloss classes of the photographs, as logarithms.
 const BOUNDS: [f64; 6] = [f64::NEG_INFINITY, 1.5, 3.5, 6.0, 8.5, f64::INFINITY];
 
 /// Residual of one photograph.
@@ -28,7 +28,7 @@ pub(super) struct Left {
 }
 
 impl Left {
-    /// Finds the light of an image of the disk, and measures the residual.
+    /// Estimates the light of an image of the disk, and measures the residual.
     pub(super) fn of(image: &DiskImage, posterior: &MaterialPosterior, prior: &LightPrior) -> Result<Self> {
         let seen: Vec<usize> = (0..SIDE * SIDE).filter(|&c| on_disk(c) && image.counts[c] > 0.0).collect();
         let seen: Vec<usize> =

@@ -1,7 +1,7 @@
 //! `gonio-eval folds`: cross-validates the learnt posterior on training materials in training
-//! lights. Its settings are chosen by these errors (`docs/trials.md`), so that test materials and
-//! test lights stay unseen. Each left-out material is photographed twice in each left-out light:
-//! without camera effects ("clean") and with random ones ("camera").
+//! lights. These errors determine the choice of its settings (`docs/trials.md`), so that test
+//! materials and test lights remain unused. Each left-out material is photographed twice in each
+//! left-out light: without camera effects ("clean") and with random ones ("camera").
 
 mod misfit;
 
@@ -32,8 +32,8 @@ use crate::posteriors::{Effort, Learning, kinds_of, load_or_train};
 /// Draws of each left-out kind in each fold.
 const DRAWS: usize = 12;
 
-/// Intervals are computed for one photograph in this many, since they take longer than everything
-/// else.
+/// Intervals are computed for one photograph in this many, because they take longer than all other
+/// steps.
 const WITH_INTERVALS: usize = 5;
 
 /// Number of lights that estimates are relit in.
@@ -48,13 +48,14 @@ pub(crate) struct Options {
     /// Number of folds that the materials, and likewise the lights, are divided into.
     #[arg(long, default_value_t = 4)]
     folds: usize,
-    /// How many of the folds are left out in turn [default: all].
+    /// Number of folds to leave out in turn [default: all].
     #[arg(long)]
     first: Option<usize>,
-    /// Kinds of materials that are left out of the prior, and tested beside the measured ones.
+    /// Kinds of materials to leave out of the prior, and to test in addition to the measured ones.
     #[arg(long, value_delimiter = ',', value_parser = kind)]
     without: Vec<Kind>,
-    /// Number of training materials that are tested too, to show what new materials cost.
+    /// Number of training materials to test in addition, to compare their errors with those of new
+    /// materials.
     #[arg(long, default_value_t = 0)]
     seen: usize,
     #[command(flatten)]
@@ -99,7 +100,7 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
         bail!("--folds must be at least 2");
     }
     if options.without.contains(&Kind::Measured) {
-        bail!("--without measured: of measured materials some are always left out");
+        bail!("--without measured: some measured materials are always left out");
     }
     let all = Materials::open(data, None)?;
     let held = all.held_out();
@@ -113,7 +114,7 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
     if materials.len() < options.folds || names.len() < options.folds {
         bail!("{} materials and {} lights are too few for {} folds", materials.len(), names.len(), options.folds);
     }
-    let cache = Cache::user().context("no cache folder; GONIO_CACHE_DIR names one")?;
+    let cache = Cache::user().context("no cache folder; set GONIO_CACHE_DIR")?;
     let mut outcomes = Vec::new();
     for fold in 0..options.first.unwrap_or(options.folds).min(options.folds) {
         let inside = |at: usize| at % options.folds != fold;
@@ -152,7 +153,7 @@ fn learning(options: &Options) -> Learning {
     learning
 }
 
-/// Materials, renderer and prior that a fold is tested with.
+/// Materials, renderer and prior for the test of a fold.
 struct Test {
     /// Number of the fold.
     fold: usize,
@@ -161,7 +162,7 @@ struct Test {
     tables: Vec<BivariateTable>,
     /// Renderer of the photographs.
     renderer: SceneRenderer,
-    /// Prior of light, to explain a photograph.
+    /// Prior of light, for the residual of a photograph.
     prior: LightPrior,
 }
 
@@ -185,7 +186,7 @@ impl Test {
         }
         for (group, list) in [("measured", unseen), ("seen", known)] {
             for (name, mut table) in list {
-                // As in training: cells beyond the trusted ones are extrapolation.
+                // Extrapolate beyond the trusted cells, as in training.
                 table.extend_from_trusted();
                 tables.push(table);
                 names.push((group.to_owned(), name));
@@ -257,7 +258,7 @@ impl Test {
     }
 }
 
-/// Tables by group, and the hardest materials.
+/// Returns tables by group, and the materials with the largest errors.
 fn report(outcomes: &[Outcome]) -> String {
     use std::fmt::Write;
     let mut out = String::from(

@@ -22,14 +22,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn coverage_counts_what_lies_inside_on_any_scale() {
+    fn coverage_counts_the_cells_inside_at_any_scale() {
         let table = BivariateTable::from_fn(|h, _| 1.0 + h);
         let at = |x: f32| table.as_slice().iter().map(|v| x * v).collect::<Vec<f32>>();
         let quantiles = [at(0.8), at(0.9), at(1.1), at(1.2)];
         let scaled = BivariateTable::from_vec(at(5.0));
         assert_eq!(coverage(&table, &quantiles, &scaled), [1.0, 1.0]);
         // A reference of another shape leaves the intervals: a step of 15 % up in half of the
-        // domain, 15 % down in the other.
+        // domain, 15 % down in the other half.
         let bent = BivariateTable::from_fn(|h, d| (1.0 + h) * if d < 0.698 { 1.15 } else { 0.87 });
         let [half, ninety] = coverage(&table, &quantiles, &bent);
         assert!(half < 0.1 && ninety > 0.9, "{half} {ninety}");

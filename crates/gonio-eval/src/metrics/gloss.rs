@@ -7,9 +7,10 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Gloss {
     /// Natural logarithm of the specular peak over the value of a Lambertian surface of the same
-    /// albedo: zero for a Lambertian surface, near 1 for satin paint, 6 for polished plastic, 10
-    /// for chrome. The gloss index of the benchmark: unlike the other two it is well defined both
-    /// for a metal without a diffuse part and for a surface without a highlight.
+    /// albedo. The value is zero for a Lambertian surface, near 1 for satin paint, 6 for polished
+    /// plastic, 10 for chrome. It is the gloss index of the benchmark. Unlike the other two values,
+    /// it is well defined both for a metal without a diffuse part and for a surface without a
+    /// highlight.
     pub(crate) peak: f64,
     /// Natural logarithm of the specular peak over the diffuse level: zero for a Lambertian
     /// surface, 3 for satin paint, above 10 for a mirror.
@@ -34,8 +35,8 @@ impl Gloss {
             .collect();
         let near: Vec<f64> = (0..THETA_H).filter(|&i| theta_h_of(i).to_degrees() < 0.5).map(|i| profile[i]).collect();
         let peak = near.iter().sum::<f64>() / near.len() as f64;
-        // Peak and diffuse level are at least a millionth of the peak: a black diffuse part is
-        // common in metals.
+        // Peak and diffuse level are at least a millionth of the peak, because a black diffuse part
+        // is common in metals.
         let floor = (1e-6 * peak).max(1e-30);
         let contrast = (peak.max(floor) / diffuse.max(floor)).ln();
         let half = diffuse + 0.5 * (peak - diffuse);
@@ -50,7 +51,7 @@ impl Gloss {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub(crate) enum Class {
-    /// Hardly a highlight: the peak is less than twice the mean.
+    /// Almost no highlight: the peak is less than twice the mean.
     Matte,
     /// A broad highlight, up to thirty times the mean.
     Satin,
@@ -64,7 +65,7 @@ pub(crate) enum Class {
 }
 
 impl Class {
-    /// All classes, from dull to bright.
+    /// All classes, from matte to mirror.
     pub(crate) const ALL: [Self; 5] = [Self::Matte, Self::Satin, Self::DielectricGloss, Self::Metal, Self::Mirror];
 
     /// Title for readers.
@@ -114,7 +115,7 @@ mod tests {
     }
 
     #[test]
-    fn contrast_and_width_are_those_of_the_lobe() {
+    fn contrast_and_width_match_the_lobe() {
         for (peak, width) in [(4.0, 0.3), (100.0, 0.1), (3000.0, 0.02)] {
             let gloss = Gloss::of(&lobe(peak, width));
             assert!((gloss.contrast - (1.0 + peak).ln()).abs() < 0.05, "{peak} {gloss:?}");
@@ -135,7 +136,7 @@ mod tests {
     }
 
     #[test]
-    fn scale_changes_nothing_and_a_lambertian_surface_has_no_highlight() {
+    fn gloss_ignores_scale_and_a_lambertian_surface_has_no_highlight() {
         let a = lobe(20.0, 0.2);
         let scaled = a.scaled(1e-3);
         let (a, b) = (Gloss::of(&a), Gloss::of(&scaled));
@@ -145,7 +146,7 @@ mod tests {
     }
 
     #[test]
-    fn black_surfaces_are_no_trouble() {
+    fn gloss_of_black_surfaces_is_finite() {
         let black = Gloss::of(&BivariateTable::from_fn(|_, _| 0.0));
         assert!(black.peak.is_finite() && black.contrast.is_finite() && black.width.is_finite());
         let no_diffuse = Gloss::of(&BivariateTable::from_fn(|h, _| if h < 0.05 { 900.0 } else { 0.0 }));

@@ -1,5 +1,5 @@
 //! Measures of the error of estimates. All are invariant to the common scale of reflectance, which
-//! the problem leaves open.
+//! a photograph does not determine.
 //!
 //! * [`relight`], [`relight_rgb`], [`brdf_error`]: error of an estimate in rendered pictures, in
 //!   luminance and in RGB, and over the domain of the BRDF.

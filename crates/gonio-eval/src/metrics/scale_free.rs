@@ -69,9 +69,9 @@ pub(crate) fn luminances(picture: &[Vec3]) -> Vec<f64> {
 mod tests {
     use super::*;
 
-    /// In one colour throughout, the error is the sine of the angle between the two colours.
+    /// For pictures of one colour each, the error is the sine of the angle between the two colours.
     #[test]
-    fn rgb_errors_are_those_of_the_colours() {
+    fn rgb_errors_match_the_colours() {
         let values: Vec<f32> = (0..500).map(|i| 1.0 + (i % 17) as f32).collect();
         let picture = |colour: Vec3| values.iter().map(|v| colour * *v).collect::<Vec<Vec3>>();
         let (truth, wrong) = (Vec3::new(0.7, 0.4, 0.2), Vec3::new(0.3, 0.4, 0.9));
@@ -85,7 +85,7 @@ mod tests {
     }
 
     #[test]
-    fn identical_and_scaled_pictures_score_zero() {
+    fn identical_and_scaled_pictures_have_no_error() {
         let image: Vec<f64> = (0..500).map(|i| 1.0 + f64::from(i % 17)).collect();
         let scaled: Vec<f64> = image.iter().map(|x| 0.01 * x).collect();
         for other in [&image, &scaled] {

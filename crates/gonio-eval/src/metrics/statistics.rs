@@ -31,9 +31,8 @@ pub(crate) struct Interval {
 /// Number of resampled sets of a bootstrap.
 const RESAMPLES: usize = 2000;
 
-/// Median with its 95 % bootstrap interval. `clusters[i]` is the cluster (the material) that sample
-/// `i` belongs to: whole clusters are resampled, since the cells of one material are correlated and
-/// no independent evidence.
+/// Median with its 95 % bootstrap interval. `clusters[i]` is the cluster (the material) of sample
+/// `i`. Whole clusters are resampled, because the cells of one material are correlated.
 pub(crate) fn median_interval(samples: &[f64], clusters: &[usize], seed: u64) -> Interval {
     assert_eq!(samples.len(), clusters.len());
     let value = median(samples.to_vec());
@@ -150,7 +149,7 @@ mod tests {
     }
 
     #[test]
-    fn ties_are_half_a_win() {
+    fn ties_count_as_half_a_win() {
         assert_eq!(win_rate([(1.0, 2.0), (2.0, 1.0), (1.0, 3.0), (2.0, 2.0)].into_iter()), 0.625);
     }
 }

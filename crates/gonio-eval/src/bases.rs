@@ -5,11 +5,11 @@ use gonio::reflectance::{BivariateTable, ReflectanceBasis, TrainReport, TrainSet
 use gonio_io::cache::Cache;
 use serde::{Deserialize, Serialize};
 
-/// Version of the training, part of every cache key: raise it whenever training gives other results
+/// Version of the training, part of every cache key. Raise it when training gives different results
 /// for the same input.
 const VERSION: u32 = 1;
 
-/// A basis and how its training went.
+/// A basis and the report of its training.
 #[derive(Serialize, Deserialize)]
 pub(crate) struct Trained {
     pub(crate) basis: ReflectanceBasis,
@@ -33,7 +33,7 @@ impl Trained {
         let (basis, report) = train(materials, settings).with_context(|| format!("basis of rank {rank}"))?;
         let trained = Self { basis, report };
         if let Some(Err(error)) = cache.map(|c| c.store(&key, &serde_json::to_vec(&trained).unwrap_or_default())) {
-            eprintln!("the basis could not be kept for next time: {error}");
+            eprintln!("cannot store the basis in the cache: {error}");
         }
         Ok(trained)
     }
@@ -43,8 +43,8 @@ fn what() -> String {
     format!("gonio basis {VERSION}")
 }
 
-/// Returns the BLAKE3 hash, in hexadecimal, of everything that a result learnt from materials
-/// depends on: `what` it is with its version, the settings of its training, and the materials.
+/// Returns the BLAKE3 hash, in hexadecimal, of everything that determines a result learnt from
+/// materials: `what` (its kind and version), the settings of the training, and the materials.
 pub(crate) fn key(what: &str, settings: &impl Serialize, materials: &[(String, BivariateTable)]) -> Result<String> {
     let mut hasher = blake3::Hasher::new();
     // Each part follows its length, so that bytes cannot move from one part to the next.
@@ -67,7 +67,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_was_trained_is_found_again() {
+    fn trained_bases_load_from_the_cache() {
         let lobe = |s: f64| BivariateTable::from_fn(move |h, d| 0.1 + s * (-(h / 0.2).powi(2)).exp() + 0.1 * s * s * d);
         let materials: Vec<(String, BivariateTable)> = (1..6).map(|i| (format!("m{i}"), lobe(f64::from(i)))).collect();
         let nmf = NmfSettings { rank: 2, restarts: 2, max_iterations: 50, ..NmfSettings::default() };
@@ -79,7 +79,7 @@ mod tests {
         let again = Trained::load_or_train(Some(&cache), &materials, &settings).unwrap();
         assert_eq!((first.basis, first.report), (again.basis, again.report));
         assert!(!stored.is_empty());
-        // Another margin or other materials give other keys.
+        // A different margin or different materials give a different key.
         let other = TrainSettings { cost_margin: 0.0, ..settings.clone() };
         assert_ne!(key(&what(), &settings, &materials).unwrap(), key(&what(), &other, &materials).unwrap());
         assert_ne!(key(&what(), &settings, &materials).unwrap(), key(&what(), &settings, &materials[..4]).unwrap());

@@ -1,9 +1,11 @@
-//! `gonio-eval calibration`: how wide intervals have to be to hold the truth as often as they say.
+//! `gonio-eval calibration`: measures the coverage of intervals, and the widths that give nominal
+//! coverage.
 //!
-//! Photographs show materials that nothing was learnt from, in training lights. For each band of
-//! half angle the table states how often intervals hold the measured value, and the spread that
-//! they need: the standard deviation that, added to that of the draws, makes 90 % intervals hold
-//! 90 % (split conformal prediction: the quantile of what the draws leave unexplained).
+//! Photographs show materials outside all training data, in training lights. For each band of half
+//! angle the table lists how often intervals contain the measured value, and the spread that they
+//! need. This spread is a standard deviation: added to that of the draws, it gives 90 % intervals a
+//! coverage of 90 %. It is a quantile of the errors that the draws leave unexplained (split
+//! conformal prediction).
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -28,7 +30,8 @@ const DIFFERENCE_BANDS: [f64; 4] = [0.0, 30.0, 60.0, 80.0];
 /// of freedom.
 const HALF_WIDTHS: [f64; 2] = [2.353, 0.765];
 
-/// Reflectances below this, in 1/sr, count as equal to it: measurements are not exact there.
+/// Reflectances below this value (1/sr) count as equal to it, because measurements are not exact
+/// there.
 const DARK: f64 = 1e-3;
 
 /// Options of `gonio-eval calibration`.
@@ -41,13 +44,13 @@ pub(crate) struct Options {
         default_value = "courtyard,old_hall,kloppenheim_02,studio_small_03,venice_sunset,artist_workshop"
     )]
     lights: Vec<String>,
-    /// Take the lights from the test lights, to check a calibration
+    /// Use test lights instead of training lights, to check a calibration
     #[arg(long)]
     test: bool,
-    /// Only every N-th material
+    /// Use only every N-th material
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
     every: u32,
-    /// First material of those
+    /// Index of the first of these materials
     #[arg(long, default_value_t = 0)]
     first: usize,
 }
@@ -63,14 +66,14 @@ struct Cell {
     difference_band: usize,
     /// Logarithm of the measured value over the median of the draws.
     error: f64,
-    /// Logarithms of the quantiles of the draws at 5 and 25 %, or at 95 and 75 %, on the side of
-    /// the error, over the median.
+    /// Logarithms of quantiles of the draws over their median, on the side of the error: at 5 and
+    /// 25 %, or at 95 and 75 %.
     ends: [f64; 2],
-    /// Whether the 90 % and the 50 % interval hold the measured value.
+    /// Whether the 90 % and the 50 % interval contain the measured value.
     held: [bool; 2],
 }
 
-/// Residual of a photograph under unknown light, and the expected one.
+/// Residual of a photograph under unknown light, and its expected value.
 struct Residual {
     misfit: f64,
     expected: f64,
@@ -79,19 +82,20 @@ struct Residual {
     name: String,
 }
 
-/// Whether the 90 % intervals of the numbers of one estimate hold the true ones.
+/// Whether the 90 % intervals of gloss, roughness and chroma of one estimate contain the true
+/// values.
 struct Numbers {
     group: usize,
     lit: bool,
     gloss: bool,
     alpha: bool,
-    /// Share of the two components of the chroma of the body.
+    /// Share of the two components of the body's chroma that lie in their intervals.
     body: f64,
-    /// The same of the highlight.
+    /// The same for the highlight.
     highlight: f64,
 }
 
-/// One cell in this many is judged; neighbours have the same errors.
+/// Step between the evaluated cells; neighbouring cells have the same errors.
 const CELL_STEP: usize = 7;
 
 const GROUPS: [&str; 3] = ["measured_extra", "rgl", "formulas"];
@@ -203,7 +207,7 @@ impl Numbers {
     }
 }
 
-/// Spread that the interval of this index needs to hold this share of the cells.
+/// Returns the spread with which the interval of this index contains this share of the cells.
 fn needed(cells: &[&Cell], interval: usize, share: f64) -> f64 {
     let mut unexplained: Vec<f64> = cells.iter().map(|c| c.error.powi(2) - c.ends[interval].powi(2)).collect();
     unexplained.sort_by(f64::total_cmp);
@@ -237,7 +241,8 @@ fn report_of_numbers(numbers: &[Numbers]) -> String {
     out
 }
 
-/// Ratio of residuals to what was expected, and the photographs of the largest.
+/// Reports the ratios of residuals to their expected values, and the photographs with the largest
+/// ratios.
 fn report_of_residuals(residuals: &[Residual]) -> String {
     let mut sorted: Vec<&Residual> = residuals.iter().collect();
     sorted.sort_by(|a, b| (a.misfit / a.expected).total_cmp(&(b.misfit / b.expected)));

@@ -1,10 +1,10 @@
-//! `gonio-eval camera`: measures what each camera effect costs. The learnt posterior of the
-//! leave-out protocol estimates test materials in test lights from clean photographs, and from
+//! `gonio-eval camera`: measures the error that each camera effect adds. The learnt posterior of
+//! the leave-out protocol estimates test materials in test lights from clean photographs, and from
 //! photographs with one effect at a time.
 //!
-//! Photographs are simulated like those of the training, by the same renderer and the same models
-//! of the effects: the figures are the cost of an effect that is as modelled. `gonio-eval captured`
-//! judges real photographs. Errors are measured with the exact renderer.
+//! The same renderer and the same models of the effects simulate these photographs and those of the
+//! training. The figures therefore apply to effects that match their models. `gonio-eval captured`
+//! measures errors on real photographs. Errors are measured with the exact renderer.
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -28,13 +28,13 @@ use crate::posteriors::{Effort, load_or_train};
 /// Options of `gonio-eval camera`.
 #[derive(clap::Args)]
 pub(crate) struct Options {
-    /// Folder of the MERL database, if it is not DATA/merl
+    /// Folder of the MERL database [default: DATA/merl]
     #[arg(long)]
     merl: Option<PathBuf>,
     /// Test lights of the photographs
     #[arg(long, value_delimiter = ',', default_value = "debevec_stpeters,debevec_grace,debevec_rnl,noon_grass")]
     lights: Vec<String>,
-    /// Test lights that estimates are relit in, but for that of the photograph
+    /// Test lights that estimates are relit in, except the light of the photograph
     #[arg(long, value_delimiter = ',', default_value = "debevec_galileo,hotel_room,usc_pisa")]
     relight: Vec<String>,
     #[command(flatten)]
@@ -59,20 +59,20 @@ const EFFECTS: [(&str, Camera); 14] = [
     ("foreign 5 %", Camera { foreign: 0.05, ..Camera::CLEAN }),
 ];
 
-/// Errors of one answer.
+/// Errors of one estimate.
 struct Errors {
     /// Relight error and its log version, means over the lights.
     relative: f64,
     log: f64,
     /// Gloss index minus that of the reference, a natural logarithm.
     gloss: f64,
-    /// Shares of the cells inside the 50 and 90 % intervals, if the answer has intervals.
+    /// Shares of the cells inside the 50 and 90 % intervals, if the estimate has intervals.
     coverage: Option<[f64; 2]>,
 }
 
 pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
     let materials = Materials::open(data, options.merl.as_deref())?;
-    let cache = Cache::user().context("no cache folder; GONIO_CACHE_DIR names one")?;
+    let cache = Cache::user().context("no cache folder; set GONIO_CACHE_DIR")?;
     let luminance = |at: usize| (materials.names[at].clone(), materials.luminance(at));
     let training: Vec<(String, BivariateTable)> =
         Protocol::LeaveOut.training(&materials).into_iter().map(luminance).collect();
@@ -89,13 +89,14 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
     let progress = Progress::new("photographs", options.lights.len() * EFFECTS.len() * subjects.len());
     for (at, name) in options.lights.iter().enumerate() {
         if judge.relit_besides(name) == 0 {
-            bail!("--relight has no light but that of the photograph, {name}");
+            bail!("--relight: specify a light other than that of the photograph, {name}");
         }
         let light = LightKind::Captured.light(&lights.map(name)?, DQuat::IDENTITY, &mut generator(0));
         let scenes = renderer.render(&subjects, &light);
         for ((_, camera), answers) in EFFECTS.iter().zip(&mut answers) {
             answers.par_extend((0..subjects.len()).into_par_iter().map(|m| {
-                // Foreign pixels show another test material, which is as unknown.
+                // Foreign pixels show another test material, which is also outside the training
+                // data.
                 let other = &scenes[(m + scenes.len() / 2) % scenes.len()];
                 let mut rng = generator((at * subjects.len() + m) as u64);
                 let photograph = camera.photograph(&scenes[m], other, &mut rng);
@@ -112,12 +113,12 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
     Ok(())
 }
 
-/// Ground truth that answers are compared with.
+/// Ground truth that estimates are compared with.
 struct Judge<'a> {
     subjects: &'a [BivariateTable],
     stage: Stage,
-    /// Name, relighting operator and true pictures of the subjects for each light that answers are
-    /// relit in.
+    /// Name, relighting operator and true pictures of the subjects for each light that estimates
+    /// are relit in.
     relit: Vec<(String, Relighter, Vec<Vec<f64>>)>,
 }
 
@@ -159,7 +160,7 @@ impl<'a> Judge<'a> {
     }
 }
 
-/// Tabulates the medians of the errors, the share of highlights that are off by more than a factor
+/// Tabulates the medians of the errors, the share of highlights with an error of more than a factor
 /// of four, and the mean share of cells in their intervals.
 fn report<'a>(rows: impl Iterator<Item = (&'a str, &'a Vec<Errors>)>) -> String {
     let mut out = String::from(
@@ -191,7 +192,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn effects_have_names_of_their_own_and_none_is_no_effect() {
+    fn effect_names_are_unique_and_none_is_the_clean_camera() {
         let names: BTreeSet<&str> = EFFECTS.iter().map(|(name, _)| *name).collect();
         assert_eq!(names.len(), EFFECTS.len());
         for (name, camera) in &EFFECTS {

@@ -31,7 +31,7 @@ impl Lights {
 
     fn of(folder: &Path) -> Result<Self> {
         let paths = gonio_io::folder::files(folder, &["hdr", "exr", "pfm"])
-            .context("cannot list the lights; --data names the folder of the data")?;
+            .context("cannot list the lights; specify the data folder with --data")?;
         let stem = |path: PathBuf| path.file_stem().and_then(|s| s.to_str()).map(str::to_owned).zip(Some(path.clone()));
         let files: BTreeMap<String, PathBuf> = paths.into_iter().filter_map(stem).collect();
         if files.is_empty() {

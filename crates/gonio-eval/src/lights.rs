@@ -1,9 +1,9 @@
-//! `gonio-eval lights`: measures how accurately the light of a photograph is found, given its true
-//! BRDF and given the estimate of the embedded model.
+//! `gonio-eval lights`: measures the error of the light estimated from a photograph, given its true
+//! BRDF and given the BRDF estimated by the embedded model.
 //!
-//! Lights and materials are those that the model was learnt from, without the materials that the
-//! benchmark holds out: the figures compare methods that find the light, and say little about their
-//! errors on unseen lights and materials.
+//! Lights and materials come from the training data of the model, without the materials that the
+//! benchmark holds out. The figures compare methods of estimating the light; errors on unseen
+//! lights and materials may be different.
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -31,10 +31,10 @@ use crate::posteriors::{ball, on_disk};
 /// Options of `gonio-eval lights`.
 #[derive(clap::Args)]
 pub(crate) struct Options {
-    /// Folder for `lights.csv`, one line for each light found
+    /// Folder for `lights.csv`, one line for each estimated light
     #[arg(short, long)]
     out: PathBuf,
-    /// Folder of the MERL database, if it is not DATA/merl
+    /// Folder of the MERL database [default: DATA/merl]
     #[arg(long)]
     merl: Option<PathBuf>,
     /// Number of materials, spread from the most matte to the sharpest
@@ -45,14 +45,14 @@ pub(crate) struct Options {
     lights: u16,
 }
 
-/// Methods that find a light: the mean of the posterior, that mean clipped at zero, and the mean of
-/// the posterior without negative texels.
+/// Methods of estimating a light: the mean of the posterior, that mean clipped at zero, and the
+/// mean of the posterior without negative texels.
 const METHODS: [&str; 3] = ["mean", "clipped mean", "non-negative mean"];
 
-/// BRDFs that the light is found with.
+/// BRDFs from which the light is estimated.
 const GIVEN: [&str; 2] = ["true", "estimated"];
 
-/// One light found, and its errors.
+/// One estimated light, and its errors.
 struct Record {
     light: String,
     material: String,
@@ -84,7 +84,7 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
     let names = evenly(lights.names(), usize::from(options.lights))?;
     let model = gonio_io::model::embedded()?;
     let learnt = model.learnt.as_ref().context("the embedded model has no posterior of materials")?;
-    // Few points are enough to find the light, not to find the material.
+    // A few points suffice to estimate the light, but not the material.
     let (points, dense) = (Lattice::new().points(DQuat::IDENTITY), ball(DQuat::IDENTITY));
     let tables: Vec<BivariateTable> = materials.iter().map(|(_, table)| table.clone()).collect();
     std::fs::create_dir_all(&options.out).with_context(|| options.out.display().to_string())?;
@@ -144,13 +144,13 @@ fn training(all: &Materials) -> Vec<(String, BivariateTable)> {
 fn evenly<T>(list: Vec<T>, count: usize) -> Result<Vec<T>> {
     let all = list.len();
     if count > all {
-        bail!("there are {all} to choose from, not {count}");
+        bail!("cannot select {count} of {all}");
     }
     let mut wanted = (0..count).map(|i| (2 * i + 1) * all / (2 * count)).peekable();
     Ok(list.into_iter().enumerate().filter(|(at, _)| wanted.next_if_eq(at).is_some()).map(|(_, x)| x).collect())
 }
 
-/// A light found by one of the [`METHODS`].
+/// A light estimated by one of the [`METHODS`].
 struct Found {
     texels: Vec<f64>,
     misfit: f64,
@@ -158,7 +158,7 @@ struct Found {
     converged: bool,
 }
 
-/// Finds the light of an image at points by all methods.
+/// Estimates the light of an image at points by all methods.
 fn find(points: &[SurfacePoint], image: &[f64], brdf: &BivariateTable, prior: &LightPrior) -> Result<[Found; 3]> {
     let values: Vec<Option<f64>> = image.iter().map(|v| Some(*v)).collect();
     let problem = LightProblem::new(points, &values, None, brdf, prior, &PlanSettings::default())?;
@@ -231,12 +231,12 @@ fn csv(records: &[Record]) -> String {
     out
 }
 
-/// Medians and means over all photographs, and how often each method is nearer than the posterior
-/// mean in cube roots.
+/// Tabulates medians and means over all photographs, and how often each method has a smaller
+/// cube-root error than the posterior mean.
 fn summary(records: &[Record]) -> String {
     let mut out = String::from(
         "Median (mean) over the photographs:\n\n\
-         | BRDF | light | relative | cube root | log correlation | misfit | nearer than the mean | settled | seconds (most) |\n\
+         | BRDF | light | relative | cube root | log correlation | misfit | nearer than the mean | converged | seconds (most) |\n\
          |---|---|---|---|---|---|---|---|---|\n",
     );
     for given in GIVEN {
@@ -274,28 +274,29 @@ mod tests {
     use super::*;
 
     #[test]
-    fn errors_are_blind_to_scale_and_see_the_rest() {
+    fn errors_ignore_scale_and_detect_other_differences() {
         let truth: Vec<f64> = (0..64).map(|i| f64::from(i % 7) + 0.1).collect();
         let scaled: Vec<f64> = truth.iter().map(|x| 3.0 * x).collect();
         let same = error(&scaled, &truth);
         assert!(same.relative < 1e-12 && same.cube_root < 1e-12 && same.log_correlation > 1.0 - 1e-12, "{same:?}");
         let black = error(&[0.0; 64], &truth);
         assert!((black.relative - 1.0).abs() < 1e-12 && black.log_correlation == 0.0, "{black:?}");
-        // The negative half of a light counts against it.
+        // Negative texels increase the error of a light.
         let signed: Vec<f64> = truth.iter().enumerate().map(|(i, x)| if i % 2 == 0 { *x } else { -x }).collect();
         assert!(error(&signed, &truth).cube_root > 0.5);
     }
 
     #[test]
-    fn choices_are_spread_and_never_more_than_there_are() {
+    fn evenly_spreads_the_selection_and_rejects_too_many() {
         assert_eq!(evenly((0..10).collect(), 2).unwrap(), [2, 7]);
         assert_eq!(evenly(vec!['a', 'b'], 2).unwrap(), ['a', 'b']);
         assert!(evenly(vec!['a'], 2).is_err());
     }
 
-    /// A satin ball under a lamp in a dim sky, without data: the non-negative light is the nearest.
+    /// A satin ball under a lamp in a dim sky, which requires no data: the non-negative light has
+    /// the smallest error.
     #[test]
-    fn a_lamp_is_found_better_without_negative_light() {
+    fn non_negative_light_recovers_a_lamp_better() {
         let model = gonio_io::model::embedded().unwrap();
         let side = PlanSettings::default().side;
         let mut truth = vec![0.2; side * side];

@@ -44,34 +44,34 @@ enum Command {
     Paper(paper::Options),
     /// Convergence of the transfer's quadrature against a brute-force reference.
     Quadrature,
-    /// Compares ways to find the light given the BRDF, on lights and materials of the training.
+    /// Compares methods of estimating the light given the BRDF, on training lights and materials.
     Lights(lights::Options),
-    /// Compares ways to colour a BRDF, on test materials in test lights.
+    /// Compares methods of colouring a BRDF, on test materials in test lights.
     Colour(colour::Options),
-    /// Measures how wide intervals have to be, on photographs of new materials in training lights.
+    /// Measures the coverage of intervals on photographs of new materials in training lights.
     Calibration(calibration::Options),
     /// Measures how the colour of training lights varies over their directions.
     Tints,
-    /// Measures what shapes other than a sphere cost, with and without modelling self-shadowing.
+    /// Measures errors on shapes other than a sphere, with and without modelling self-shadowing.
     Shapes(shapes::Options),
-    /// Judges the default method on photographs of real objects, by their measured BRDF and their
-    /// photographs in other lights.
+    /// Evaluates the default method on photographs of real objects, against their measured BRDF and
+    /// their photographs in other lights.
     Captured(captured::Options),
     /// Compares estimators and references over a grid of materials and lights.
     Bench(Box<bench::Options>),
-    /// Measures what each camera effect costs the learnt posterior: test materials in test lights,
-    /// one effect at a time.
+    /// Measures the error that each camera effect adds to the learnt posterior, on test materials
+    /// in test lights.
     Camera(camera::Options),
-    /// Judges the prior of materials on materials that it was not built from.
+    /// Evaluates the prior of materials on materials that it was not built from.
     Prior(prior::Options),
     /// Cross-validates the learnt posterior on training materials in training lights.
     Folds(folds::Options),
-    /// Measures what several photographs of one material, and several materials under one light,
-    /// tell beyond one.
+    /// Measures errors of estimates from several photographs of one material, and from several
+    /// materials under one light.
     Together(together::Options),
-    /// Measures the absolute albedo that a neutral reference in the picture gives.
+    /// Measures the error of the absolute albedo from a neutral reference in the picture.
     Scales(scales::Options),
-    /// Merges the folders that the jobs of `bench --shard` have filled into one report.
+    /// Merges the output folders of `bench --shard` jobs into one report.
     Merge(bench::MergeOptions),
 }
 

@@ -1,5 +1,5 @@
-//! Measured materials: the full tables that inputs are rendered from and the bivariate ones that
-//! everything else uses.
+//! Measured materials: the full tables from which inputs are rendered, and the bivariate tables for
+//! everything else.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -13,8 +13,8 @@ use rayon::prelude::*;
 use crate::outside::{self, Formula};
 
 /// A database of materials in the order of their file names: a folder of `.binary` files of the
-/// MERL database, or of bivariate tables, or both. [Materials of other kinds](outside) follow it on
-/// request.
+/// MERL database, or of bivariate tables, or both. [Materials of other kinds](outside) follow the
+/// database on request.
 pub(crate) struct Materials {
     /// Names in the order of the files `NAME.binary` in a listing of the database (`chrome-steel`
     /// before `chrome`), then those outside of the database.
@@ -29,7 +29,7 @@ pub(crate) struct Materials {
 enum Origin {
     /// A file of the MERL database.
     Merl(PathBuf),
-    /// No such table: there is only the bivariate one.
+    /// No full table, only the bivariate one.
     Bivariate,
     /// A file of the RGL database.
     Rgl(PathBuf),
@@ -53,14 +53,14 @@ impl Origin {
 pub(crate) enum Source {
     /// The table over all three angles.
     Full,
-    /// The bivariate table, since there is no other.
+    /// The bivariate table, because no full table exists.
     Bivariate,
 }
 
 impl Materials {
-    /// Opens the folder `full`, or `DATA/merl` without one. Materials whose full table is missing
-    /// are taken from the bivariate set of `DATA/merl`; full tables without a bivariate one are
-    /// reduced to one.
+    /// Opens the folder `full`, by default `DATA/merl`. Materials without a full table are taken
+    /// from the bivariate set of `DATA/merl`. Full tables without a bivariate table are reduced to
+    /// one.
     pub(crate) fn open(data: &Path, full: Option<&Path>) -> Result<Self> {
         let default = data.join("merl");
         let folder = full.unwrap_or(&default);
@@ -84,7 +84,8 @@ impl Materials {
         rgb.extend(reduced);
         if rgb.is_empty() {
             bail!(
-                "{}: no materials here; --data names the folder of the data (with merl/), --merl one of .binary files",
+                "{}: no materials here; specify the data folder (with merl/) with --data, or a folder of .binary files \
+                 with --merl",
                 folder.display()
             );
         }
@@ -223,7 +224,7 @@ mod tests {
     }
 
     #[test]
-    fn the_order_is_that_of_the_files() {
+    fn materials_are_in_the_order_of_their_files() {
         let dir = database(&["chrome", "brass", "chrome-steel"]);
         let materials = Materials::open(dir.path(), None).unwrap();
         assert_eq!(materials.names, ["brass", "chrome-steel", "chrome"]);
@@ -249,7 +250,7 @@ mod tests {
         let mut cells = reduced.as_slice().iter().zip(materials.green(plaster).as_slice());
         assert!(cells.all(|(a, b)| (a / b - 1.0).abs() < 1e-4));
         assert_ne!(materials.fingerprint(plaster).unwrap(), materials.fingerprint(plaster + 1).unwrap());
-        // A file that is no measurement is an error.
+        // A file that is not a measurement is an error.
         std::fs::create_dir(dir.path().join("rgl")).unwrap();
         std::fs::write(dir.path().join("rgl/paint_rgb.bsdf"), "paint").unwrap();
         assert!(Materials::open(dir.path(), None).unwrap().with_outside(dir.path()).is_err());

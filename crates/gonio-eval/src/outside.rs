@@ -1,6 +1,6 @@
-//! Materials that neither a dictionary nor a training set contains: measurements of another
-//! laboratory (the RGL database) and formulas of other families than the GGX lobes over a
-//! Lambertian base of [`gonio::reflectance::Dictionary`].
+//! Materials outside all dictionaries and training sets: measurements of another laboratory (the
+//! RGL database), and formulas. The families of the formulas differ from those of
+//! [`gonio::reflectance::Dictionary`], which are GGX lobes over a Lambertian base.
 
 use std::f64::consts::{FRAC_1_PI, PI};
 use std::fmt::Debug;
@@ -10,8 +10,8 @@ use anyhow::{Context, Result};
 use glam::DVec3;
 use gonio::reflectance::parametric::{CookTorrance, Lafortune, Parametric, Ward};
 
-/// Version of these materials, part of their fingerprints: raise it whenever a formula or the
-/// reading of a file gives another table.
+/// Version of these materials, part of their fingerprints. Raise it when a formula or the reading
+/// of a file gives a different table.
 pub(crate) const VERSION: u32 = 1;
 
 /// Lists the files `NAME_rgb.bsdf` of a folder, which may be absent, in order of name.
@@ -31,7 +31,7 @@ pub(crate) fn rgl_files(folder: &Path) -> Result<Vec<(String, PathBuf)>> {
     Ok(files)
 }
 
-/// A grey material by formula. `Debug` tells its parameters apart from those of others.
+/// A grey material given by a formula. Its `Debug` output contains all its parameters.
 pub(crate) trait Formula: Parametric + Debug + Send {}
 
 impl<T: Parametric + Debug + Send> Formula for T {}
@@ -54,7 +54,7 @@ pub(crate) fn formulas() -> Vec<(&'static str, Box<dyn Formula>)> {
     ]
 }
 
-/// Functions of the angles that the formulas are written in.
+/// Functions of the angles, for the formulas.
 struct Angles {
     cos_i: f64,
     cos_o: f64,
@@ -142,10 +142,10 @@ impl Parametric for Velvet {
     }
 }
 
-/// Microfacets of a conductor with the exact Fresnel reflectance, over a Lambertian part. The tails
-/// of Beckmann's distribution soon vanish; the Lambertian part stands for scattering by dust and
-/// multiple reflections, as in every measured metal, and keeps the logarithm of the reflectance
-/// meaningful.
+/// Microfacets of a conductor with the exact Fresnel reflectance, over a Lambertian part. The
+/// Lambertian part models scattering by dust and multiple reflections, as in every measured metal.
+/// The tails of Beckmann's distribution vanish quickly; the Lambertian part keeps the logarithm of
+/// the reflectance meaningful there.
 #[derive(Debug)]
 pub(crate) struct Metal {
     /// Albedo of the Lambertian part.
@@ -232,7 +232,7 @@ mod tests {
     use crate::metrics::{Class, Gloss};
 
     #[test]
-    fn formulas_are_reciprocal_and_pass_no_more_light_than_there_is() {
+    fn formulas_are_reciprocal_and_have_an_albedo_below_one() {
         for (name, formula) in formulas() {
             for h in [0.0, 0.2, 0.7, 1.2] {
                 for d in [0.0, 0.4, 1.0, 1.4] {
@@ -249,7 +249,7 @@ mod tests {
     }
 
     #[test]
-    fn they_span_the_classes() {
+    fn formulas_span_the_gloss_classes() {
         let classes: Vec<(&str, Class)> =
             formulas().iter().map(|(name, f)| (*name, Class::of(&Gloss::of(&f.to_bivariate())))).collect();
         use Class::{DielectricGloss, Matte, Metal, Mirror, Satin};
@@ -258,9 +258,9 @@ mod tests {
     }
 
     #[test]
-    fn fresnel_is_as_worked_out_by_hand() {
-        // Glass and silver along the normal: ((n - 1)^2 + k^2) / ((n + 1)^2 + k^2). All light at
-        // the horizon.
+    fn fresnel_reflectances_match_manual_calculations() {
+        // Glass and silver along the normal: ((n - 1)^2 + k^2) / ((n + 1)^2 + k^2). At the horizon,
+        // all light is reflected.
         assert!((dielectric(1.0, 1.5) - 0.04).abs() < 1e-12);
         let silver = (0.85_f64.powi(2) + 3.5 * 3.5) / (1.15_f64.powi(2) + 3.5 * 3.5);
         assert!((conductor(1.0, 0.15, 3.5) - silver).abs() < 1e-12);
@@ -276,9 +276,9 @@ mod tests {
     }
 
     #[test]
-    fn lobes_reflect_what_reaches_them() {
-        // A perfect conductor reflects all light but what is shadowed: next to nothing along the
-        // normal.
+    fn lobes_have_the_expected_albedo() {
+        // A perfect conductor reflects all light that is not shadowed. Along the normal, almost no
+        // light is shadowed.
         let mirror = Metal { diffuse: 0.0, lobes: &[(0.5, 0.05), (0.5, 0.1)], eta: 1e-3, k: 1e3 };
         let albedo = mirror.to_bivariate().normal_albedo();
         assert!((albedo - 1.0).abs() < 0.01, "{albedo}");

@@ -22,15 +22,15 @@ use crate::bases::key;
 use crate::bench::Progress;
 use crate::data::Lights;
 
-/// Version of simulation and training, part of every cache key: raise it whenever either gives
-/// other results for the same input.
+/// Version of simulation and training, part of every cache key. Raise it when either gives
+/// different results for the same input.
 const VERSION: u32 = 9;
 
-/// Number of normals on the visible hemisphere at which photographs for the posterior alone are
-/// rendered: that of the smallest balls that it is learnt from, of some 40 pixels of radius.
+/// Number of normals on the visible hemisphere in photographs that only the posterior uses. The
+/// smallest training photographs, of balls with a radius of some 40 pixels, have as many.
 const NORMALS: usize = 6_000;
 
-/// Settings by which a posterior is learnt.
+/// Settings for learning a posterior.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Learning {
     /// The dictionary of materials.
@@ -60,7 +60,7 @@ fn some() -> RangedU64ValueParser<usize> {
 }
 
 impl Effort {
-    /// Default settings with this effort.
+    /// Returns the default settings with this effort.
     pub(crate) fn learning(&self) -> Learning {
         Learning {
             dictionary: DictionarySettings::default(),
@@ -88,7 +88,7 @@ pub(crate) fn load_or_train(
     }
     let learnt = train(materials, lights, names, learning)?;
     if let Err(error) = cache.store(&key, &encode_posterior(&learnt, "of the benchmark")) {
-        eprintln!("the posterior could not be kept for next time: {error}");
+        eprintln!("cannot store the posterior in the cache: {error}");
     }
     Ok(learnt)
 }
@@ -147,7 +147,7 @@ pub(crate) fn colours(
     Ok(found)
 }
 
-/// Dictionary of these materials to draw from, not to learn with.
+/// Returns a dictionary of these materials for drawing, not for learning.
 pub(crate) fn kinds_of(materials: &[(String, BivariateTable)]) -> Dictionary {
     let least = DictionarySettings { draws: 1, dimensions: 1, ..DictionarySettings::default() };
     Dictionary::new(LogBasis::fit(materials, LogBasis::RANK), &least)
@@ -160,9 +160,9 @@ pub(crate) fn ball(camera: DQuat) -> Vec<SurfacePoint> {
     points.iter().map(|p| SurfacePoint { normal: camera * p.normal, view: camera * DVec3::Z }).collect()
 }
 
-/// Gathers the values observed at points into the image that a posterior reads.
+/// Gathers the values observed at points into the input image of a posterior.
 pub(crate) fn on_disk(points: &[SurfacePoint], values: impl IntoIterator<Item = Option<f64>>) -> Result<DiskImage> {
     let seen = points.iter().zip(values);
     let samples: Vec<Sample> = seen.filter_map(|(p, v)| v.map(|v| Sample::of(p.in_view(), v, 1.0))).collect();
-    DiskImage::gather(&samples).context("nothing is seen in the photograph")
+    DiskImage::gather(&samples).context("the photograph has no observed points")
 }

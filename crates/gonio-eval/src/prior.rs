@@ -1,8 +1,8 @@
-//! `gonio-eval prior`: judges the prior of materials by itself, without a training.
+//! `gonio-eval prior`: evaluates the prior of materials alone, without training.
 //!
-//! A material that the prior was not built from should lie near its axes, near some of its draws,
-//! and within the intervals of draws that resemble it elsewhere: the cells of each band of half
-//! angles are predicted from the other bands.
+//! A material that the prior was not built from should lie near the axes of the prior and near some
+//! of its draws. It should also lie within the intervals of draws that resemble it: the draws that
+//! agree best in the other bands of half angles predict the cells of each band.
 
 use std::path::Path;
 
@@ -24,17 +24,17 @@ const BANDS: [f64; 7] = [0.0, 2.0, 7.0, 15.0, 27.5, 45.0, 65.0];
 /// unreliable.
 const MAX_DIFFERENCE_ANGLE: f64 = 60.0;
 
-/// Smallest value relative to the largest of a table that is compared: reconstructed values below
-/// it are good to a factor of 1.5 to 2.
+/// Smallest compared value, relative to the largest of a table: reconstructed values below it are
+/// accurate only to a factor of 1.5 to 2.
 const FLOOR: f64 = 1e-5;
 
-/// Number of draws that resemble a material best, whose intervals are tested.
+/// Number of draws in a tested interval: those that resemble a material best.
 const NEIGHBOURS: usize = 150;
 
 /// Options of `gonio-eval prior`.
 #[derive(clap::Args)]
 pub(crate) struct Options {
-    /// Build the prior from the 41 extra measurements, too, instead of testing with them
+    /// Build the prior also from the 41 extra measurements, instead of testing with them
     #[arg(long)]
     extra: bool,
     /// Number of draws
@@ -113,14 +113,14 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
     Ok(())
 }
 
-/// Cells that tables are compared at.
+/// Cells at which tables are compared.
 struct Cells {
     cells: Vec<usize>,
-    /// Band of each.
+    /// Band of each cell.
     bands: Vec<usize>,
 }
 
-/// Distances of a material from the prior, and what draws like it predict.
+/// Distances of a material from the prior, and predictions of draws that resemble it.
 struct Judged {
     /// Root mean square of the logarithm of the material over its projection to the axes.
     off_axes: f64,
@@ -154,7 +154,8 @@ impl Cells {
     }
 }
 
-/// Mean and root mean square about it of the differences over chosen cells.
+/// Returns the mean of the differences over chosen cells, and their root mean square about the
+/// mean.
 fn difference(a: &[f64], b: &[f64], chosen: impl Fn(usize) -> bool) -> (f64, f64) {
     let (mut count, mut sum, mut squares) = (0.0, 0.0, 0.0);
     for (at, (a, b)) in a.iter().zip(b).enumerate().filter(|(at, _)| chosen(*at)) {

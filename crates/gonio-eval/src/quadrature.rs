@@ -102,8 +102,8 @@ pub(crate) fn run(folder: &Path) -> Result<()> {
 /// Lights that the renderer is tested in.
 const LIGHTS: [&str; 3] = ["debevec_grace", "noon_grass", "debevec_rnl"];
 
-/// Prints the error of rendered pictures against a far finer division of the light, after the best
-/// common scale.
+/// Prints the error of rendered pictures against pictures with a far finer division of the light,
+/// after the best common scale.
 fn renders(folder: &Path, all: &Materials) -> Result<()> {
     let lights = Lights::open(folder)?;
     let points: Vec<SurfacePoint> = fibonacci_hemisphere(200)

@@ -1,6 +1,6 @@
-//! `gonio-eval scales`: how far the absolute albedo is off that a neutral reference gives.
+//! `gonio-eval scales`: measures the error of the absolute albedo from a neutral reference.
 //!
-//! The reference is exact: the error is that of the irradiance of the estimated light. Materials
+//! The reference is exact, so the error is that of the irradiance of the estimated light. Materials
 //! are those outside of the MERL database (`DATA/rgl` and formulas), lights are the test lights.
 
 use std::f64::consts::PI;
@@ -23,10 +23,10 @@ const GRID: (usize, usize) = (512, 128);
 /// Options of `gonio-eval scales`.
 #[derive(clap::Args)]
 pub(crate) struct Options {
-    /// Model instead of the one that travels with the program
+    /// Model to use instead of the embedded one
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
-    /// Test lights of the photographs; each material is seen in all of them
+    /// Test lights of the photographs; each material is photographed in all of them
     #[arg(
         long,
         value_delimiter = ',',

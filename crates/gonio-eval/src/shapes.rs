@@ -1,9 +1,9 @@
-//! `gonio-eval shapes`: errors on the same materials in the same lights on a sphere, a blob, an
-//! animal and a bowl, with and without modelling self-shadowing.
+//! `gonio-eval shapes`: measures errors on the same materials in the same lights on a sphere, a
+//! blob, an animal and a bowl, with and without modelling self-shadowing.
 //!
-//! Materials are those that the benchmark holds out, lights those of the tests, and the posterior
-//! is that of the benchmark, learnt without either. Photographs have exact shadows (rays for all
-//! but half a percent of the light), no interreflections, and noise of half a percent of the mean.
+//! Materials are those that the benchmark holds out, and lights are the test lights. The posterior
+//! is that of the benchmark, learnt from neither. Photographs have exact shadows (rays for all but
+//! half a percent of the light), no interreflections, and noise of half a percent of the mean.
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -33,7 +33,7 @@ pub(crate) struct Options {
     /// Folder for `shapes.csv`, one line for each estimate
     #[arg(short, long)]
     out: PathBuf,
-    /// Folder of the MERL database, if it is not DATA/merl
+    /// Folder of the MERL database [default: DATA/merl]
     #[arg(long)]
     merl: Option<PathBuf>,
     /// Lights of the photographs
@@ -74,7 +74,7 @@ struct Record {
     seconds: f64,
 }
 
-/// A shape before the camera.
+/// A shape in front of the camera.
 struct Posed {
     surface: Box<dyn Surface>,
     camera: Camera,
@@ -90,7 +90,7 @@ fn pose(name: &str, size: usize) -> Result<Posed> {
         "blob" => Form::Blob,
         "bunny" => Form::Bunny,
         "bowl" => Form::Bowl,
-        other => bail!("{other}: there is a sphere, a blob, a bunny and a bowl"),
+        other => bail!("{other}: unknown shape; choose sphere, blob, bunny or bowl"),
     };
     let mesh = form.mesh(CELLS)?;
     let (centre, radius) = mesh.bounds();
@@ -100,7 +100,7 @@ fn pose(name: &str, size: usize) -> Result<Posed> {
 
 pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
     let materials = Materials::open(data, options.merl.as_deref())?;
-    let cache = Cache::user().context("the benchmark needs the user's cache folder")?;
+    let cache = Cache::user().context("no cache folder; set GONIO_CACHE_DIR")?;
     let learnt = Protocol::LeaveOut.training(&materials);
     let training: Vec<(String, BivariateTable)> =
         learnt.into_iter().map(|at| (materials.names[at].clone(), materials.luminance(at))).collect();
@@ -162,7 +162,7 @@ impl Study<'_> {
         let Posed { surface, camera } = posed;
         let buffer = GeometryBuffer::of(surface.as_ref(), camera);
         let view = SurfaceView { normals: &buffer.normals, camera: Some(camera), distances: Some(&buffer.distances) };
-        // The points do not depend on the values of the picture: a uniform one finds them.
+        // The points do not depend on the values of the picture, so a uniform picture gives them.
         let blank = Picture { rgb: Plane::from_fn(camera.size.0, camera.size.1, |_, _| Vec3::ONE), alpha: None };
         let settings = ObservationSettings { clip: Some(f32::MAX), ..ObservationSettings::default() };
         let plan = PlanSettings::default();
@@ -185,7 +185,7 @@ impl Study<'_> {
                     continue;
                 }
                 let seen = scene.values.iter().zip(&values).map(|(kept, v)| kept.map(|_| v.max(0.0)));
-                // Values are rendered at the points alone, not in every pixel.
+                // Values are rendered only at the points, not in every pixel.
                 let observations = Observations { values: seen.collect(), dense: Vec::new(), ..scene.clone() };
                 let start = Instant::now();
                 let found = unshadow(&observations, self.learnt, self.prior, &plan, &UnshadowSettings::default())?;
@@ -228,7 +228,8 @@ fn csv(records: &[Record]) -> String {
     text
 }
 
-/// Medians by shape, with and without visibility, and how often modelling it was better.
+/// Tabulates medians by shape, with and without visibility, and how often modelling visibility
+/// reduces the error.
 fn summary(records: &[Record], shapes: &[String]) -> String {
     let mut text = "shape    V_i   relight   log  BRDF log  observed  seconds  better with V_i\n".to_owned();
     for shape in shapes {

@@ -1,5 +1,5 @@
-//! `gonio-eval tints`: how the colour of captured light varies over its directions. The constants
-//! of `gonio::estimate::Tint` are what this prints of the training lights.
+//! `gonio-eval tints`: measures how the colour of captured light varies over its directions. Its
+//! output for the training lights gives the constants of `gonio::estimate::Tint`.
 
 use std::path::Path;
 
@@ -14,19 +14,19 @@ use crate::data::Lights;
 /// Squares along a side of the map.
 const SIDE: usize = 16;
 
-/// Radiance over the mean beyond which a square counts no more: the colour of a lamp is no better
-/// known than that of a sky.
+/// Radiance over the mean above which the weight of a square is constant: the colour of a lamp is
+/// no more certain than that of a sky.
 const BRIGHT: f64 = 3.0;
 
-/// Range of the tints: in dark squares they are arbitrary.
+/// Range to which tints are clipped: in dark squares they are arbitrary.
 const RANGE: (f64, f64) = (-0.9, 1.5);
 
 /// Bounds of the angles (degrees) that correlations are averaged over.
 const ANGLES: [f64; 8] = [0.1, 12.0, 20.0, 30.0, 45.0, 60.0, 90.0, 120.0];
 
-/// Tints of red and blue of a light, and the weights of its squares, whose sum is one. A tint is
-/// the radiance of a channel over the luminance, relative to that of the light as a whole, less
-/// one.
+/// Returns the weights of a light's squares, whose sum is one, and their tints of red and blue. A
+/// tint is the ratio of a channel's radiance to the luminance, divided by the same ratio of the
+/// whole light, minus one.
 fn tints(light: &LightGrid) -> Vec<(f64, [f64; 2])> {
     let texels: Vec<(f64, DVec3)> =
         light.texels().iter().map(|t| (f64::from(luminance(*t)).max(0.0), t.as_dvec3())).collect();
@@ -94,7 +94,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn tints_do_not_depend_on_brightness_or_the_colour_as_a_whole() {
+    fn tints_do_not_depend_on_brightness_or_overall_colour() {
         let texel = |k: usize| if k.is_multiple_of(2) { Vec3::new(1.2, 1.0, 0.6) } else { Vec3::new(0.8, 1.0, 1.5) };
         let light = |white: Vec3| {
             LightGrid::from_texels(OctahedralMap::EqualArea, 4, (0..16).map(|k| 5.0 * white * texel(k)).collect())

@@ -1,10 +1,10 @@
-//! `gonio-eval together`: errors of the estimate from several photographs of one material, and from
-//! a photograph of several materials under one light.
+//! `gonio-eval together`: measures errors of estimates from several photographs of one material,
+//! and from a photograph of several materials under one light.
 //!
-//! Materials are those outside of the MERL database (`DATA/rgl` and formulas), with a model that
-//! was not learnt from them; lights are the test lights. Photographs are rendered balls in RGB,
-//! detected and sampled like any others. Estimates are relit in other test lights, in luminance and
-//! in RGB.
+//! Materials are those outside of the MERL database (`DATA/rgl` and formulas), and the model was
+//! not learnt from them. Lights are the test lights. Photographs are rendered balls in RGB,
+//! detected and sampled like any other photographs. Estimates are relit in other test lights, in
+//! luminance and in RGB.
 
 use std::borrow::Cow;
 use std::fmt::Write as _;
@@ -34,13 +34,13 @@ pub(crate) struct Options {
     /// Model that was not learnt from the materials [default: the embedded model]
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
-    /// Test lights of the photographs; each material is seen in all of them
+    /// Test lights of the photographs; each material is photographed in all of them
     #[arg(long, value_delimiter = ',', default_value = "debevec_stpeters,debevec_grace,debevec_rnl,noon_grass")]
     lights: Vec<String>,
     /// Test lights that estimates are relit in
     #[arg(long, value_delimiter = ',', default_value = "debevec_galileo,hotel_room,usc_pisa")]
     relight: Vec<String>,
-    /// Measure one of the two alone
+    /// Run only one of the two studies
     #[arg(long, value_enum)]
     only: Option<Study>,
 }
@@ -53,7 +53,7 @@ enum Study {
     Regions,
 }
 
-/// Errors of an answer.
+/// Errors of an estimate.
 struct Errors {
     relit: Relit,
     /// BRDF error over trusted cells ([`brdf_error`]).
@@ -75,8 +75,8 @@ struct Relit {
 }
 
 impl Relit {
-    /// Relights materials, each found and true, with one scale for all of them. `operators` are
-    /// those of the channels of each light.
+    /// Relights pairs of estimated and true materials, with one scale for all of them. `operators`
+    /// holds the relighting operators of the channels of each light.
     fn of(materials: &[[&[BivariateTable; 3]; 2]], operators: &[[Relighter; 3]]) -> Self {
         let mut errors = [const { Vec::new() }; 3];
         for operator in operators {
@@ -104,7 +104,7 @@ impl Errors {
     }
 }
 
-/// Row of a table: medians over answers.
+/// Row of a table: medians over estimates.
 fn row(name: &str, all: &[Errors]) -> String {
     let of = |f: fn(&Errors) -> f64| median(all.iter().map(f).collect());
     let inside = |at: usize| 100.0 * mean(&all.iter().map(|e| e.coverage[at]).collect::<Vec<f64>>());
@@ -180,7 +180,8 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
     Ok(())
 }
 
-/// Several photographs of each material, under unknown illumination and under known lights.
+/// Measures estimates from several photographs of each material, under unknown illumination and
+/// under known lights.
 fn photographs(model: &Model, all: &[Seen], maps: &[EnvironmentMap], operators: &[[Relighter; 3]]) -> Result<String> {
     let none = || maps.iter().map(|_| Vec::new()).collect::<Vec<Vec<Errors>>>();
     let (mut blind, mut lit, mut refused) = (none(), none(), 0);
@@ -221,14 +222,14 @@ fn photographs(model: &Model, all: &[Seen], maps: &[EnvironmentMap], operators: 
     let [blind, lit] = crossed;
     write!(
         out,
-        "\nOf one material, {refused} combinations are refused. Of two materials, {blind} of {} pairs are refused under \
+        "\nOne material: {refused} combinations are refused. Two materials: {blind} of {} pairs are refused under \
          unknown illumination, and {lit} under known lights.",
         pairs.count()
     )?;
     Ok(out)
 }
 
-/// The ratio of the albedos of each pair of neighbouring materials under one light, and the errors
+/// Measures the albedo ratio of each pair of neighbouring materials under one light, and the errors
 /// of both relit with one scale.
 fn regions(model: &Model, all: &[Seen], lights: &[String], operators: &[[Relighter; 3]]) -> Result<String> {
     let settings = EstimateSettings::default();
@@ -239,7 +240,13 @@ fn regions(model: &Model, all: &[Seen], lights: &[String], operators: &[[Relight
             let found = estimate_together(model, &seen, &settings, &|_| ()).map_err(|(_, error)| error)?;
             let ratio = (found[0].relative_albedo / found[1].relative_albedo).ln();
             let truth = (pair[0].truth.normal_albedo() / pair[1].truth.normal_albedo()).ln();
-            eprintln!("{} and {}, {light}: {:.2}, is {:.2}", pair[0].name, pair[1].name, ratio.exp(), truth.exp());
+            eprintln!(
+                "{} and {}, {light}: albedo ratio {:.2}, truth {:.2}",
+                pair[0].name,
+                pair[1].name,
+                ratio.exp(),
+                truth.exp()
+            );
             errors.push((ratio - truth).abs());
             let tables: Vec<[BivariateTable; 3]> = found
                 .iter()
@@ -264,8 +271,8 @@ fn regions(model: &Model, all: &[Seen], lights: &[String], operators: &[[Relight
     ))
 }
 
-/// Adds the errors of one photograph, and of two, three and more together, and counts the
-/// combinations that are refused.
+/// Adds the errors of estimates from one, two, three and more photographs, and counts the refused
+/// combinations.
 fn collect(
     model: &Model,
     ones: &[One],
@@ -294,8 +301,8 @@ fn collect(
     Ok(refused)
 }
 
-/// The answers from each `count` photographs that follow one another in the list, around its end;
-/// `None` where they are refused.
+/// Returns the estimates from each cyclic run of `count` consecutive photographs; `None` if the
+/// combination is refused.
 pub(crate) fn joined<'a>(
     model: &Model,
     ones: &[&'a Material],
@@ -331,7 +338,7 @@ mod tests {
 
     /// Two materials share one scale, and so do their channels.
     #[test]
-    fn relight_errors_are_those_of_the_colours_and_of_the_albedos() {
+    fn relight_errors_match_colours_and_albedos() {
         let table = BivariateTable::from_fn(|h, _| 0.1 + (-(h / 0.3).powi(2)).exp());
         let tables = |rgb: [f64; 3]| rgb.map(|x| table.scaled(x));
         let operators = [Relighter::of_channels(&points(200), std::slice::from_ref(&table), &white(), &DRAFT)];
@@ -342,7 +349,7 @@ mod tests {
         let cosine = (0.6 * 0.1 + 0.2 * 0.2 + 0.1 * 0.6) / (0.36 + 0.04 + 0.01_f64);
         assert!((wrong.rgb - (1.0 - cosine * cosine).sqrt()).abs() < 1e-4, "{wrong:?}");
         assert!(wrong.luminance < 1e-6 && (wrong.mean_chroma - (2.0_f64).sqrt() * 6.0_f64.ln()).abs() < 1e-4);
-        // Albedos of 1 and 1, where they are 1 and 3.
+        // The estimated albedos are 1 and 1, the true albedos 1 and 3.
         let pair = Relit::of(&[[&grey, &grey], [&grey, &tables([1.5; 3])]], &operators);
         assert!((pair.rgb - 0.2_f64.sqrt()).abs() < 1e-4 && (pair.luminance - 0.2_f64.sqrt()).abs() < 1e-4, "{pair:?}");
     }

@@ -135,8 +135,9 @@ fn what_it_means() -> Markup {
             strong { "relight" } ": min over s of |s I^ - I| / |I|. " strong { "log relight" } ": rms of ln((s I^ + e)/(I + e)), e = 1 % of the \
             mean. " strong { "RGB relight" } ": the relight error over all channels, with one scale for the three; estimators without \
             colours are shown in the median colour of the photograph. " strong { "mean chroma" } ": distance of (ln R/G, ln B/G) of the \
-            relit sphere's mean from that of the reference. " strong { "BRDF log" } ": rms logarithmic error over the domain below 80 degrees, in luminance. " strong { "gloss order" } ": Spearman \
-            correlation of the logarithm of peak over mean reflectance with that of the reference. "
+            relit sphere's mean from that of the reference. " strong { "BRDF log" } ": rms logarithmic \
+            error over the domain below 80 degrees, in luminance. " strong { "gloss order" } ": Spearman correlation \
+            of the logarithm of peak over mean reflectance with that of the reference. "
             strong { "4x too glossy" } ": cells whose peak over mean is more than four times that of the reference, a sign of a mirror-like solution. "
             strong { "converged" } ": runs that met their stopping rule. " strong { "seconds" } ": time on one core."
         }

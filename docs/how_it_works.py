@@ -341,7 +341,7 @@ def main():
     photograph = render(BLUE, HANGAR, "blue.exr")
     blind = infer("blue.exr", "blue")
     lit = infer("blue.exr", "lit", "--light", HANGAR, "--align-light", "fixed")
-    wrong = infer("blue.exr", "wrong", "--light", SHOP)
+    wrong = infer("blue.exr", "wrong", "--light", SHOP, "--force")
     two_explanations(photograph)
     disk_of_normals(photograph)
     candidates(photograph, blind)

@@ -54,12 +54,11 @@ def wrapped_lines(path: Path, text: str) -> Iterator[tuple[int, str]]:
                 yield number, line
 
 
-def check(path: Path, wording: bool) -> list[Finding]:
+def check(path: Path) -> list[Finding]:
     """The findings of a file, in the order of its lines."""
     text = path.read_text(encoding="utf-8")
     found = list(wide_lines(path, text))
-    if wording:
-        found += [it for passage in passages(path, text) for it in findings(passage)]
+    found += [it for passage in passages(path, text) for it in findings(passage)]
     if path.suffix == ".md":
         for link, reason in markdown.broken_links(path, text):
             line = text.count("\n", 0, text.find(f"]({link})")) + 1
@@ -82,9 +81,6 @@ def arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("paths", nargs="*", help="files or folders (default: all)")
     parser.add_argument(
-        "--rust", action="store_true", help="also check the wording of the sources in crates/"
-    )
-    parser.add_argument(
         "--counts", action="store_true", help="print the number of findings per file only"
     )
     return parser.parse_args()
@@ -95,8 +91,7 @@ def main() -> None:
     args = arguments()
     counts: Counter[str] = Counter()
     for path in tracked_files(args.paths):
-        wording = args.rust or path.suffix == ".md" or path.parts[0] != "crates"
-        for found in check(path, wording):
+        for found in check(path):
             counts[str(path)] += 1
             if not args.counts:
                 print(f"{path}:{found.line}: {found.reason}: {found.excerpt}")

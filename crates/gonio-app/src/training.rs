@@ -291,7 +291,8 @@ pub fn posterior(
     progress("learning materials", 0.0);
     let basis = LogBasis::fit(&tables, LogBasis::RANK);
     let dictionary = Dictionary::new(basis, &DictionarySettings { seed, ..DictionarySettings::default() });
-    let stock_settings = StockSettings { views, draws, seed, ..StockSettings::default() };
+    let stock_settings =
+        StockSettings { groups: StockSettings::groups_for(steps), views, draws, seed, ..StockSettings::default() };
     let count = maps.len();
     let left_out = (!tested.is_empty()).then(|| Stock::new(dictionary.clone(), tested, stock_settings));
     let mut stock = Stock::new(dictionary, maps, stock_settings);

@@ -64,7 +64,12 @@ impl Effort {
     pub(crate) fn learning(&self) -> Learning {
         Learning {
             dictionary: DictionarySettings::default(),
-            stock: StockSettings { views: self.views, draws: self.draws, ..StockSettings::default() },
+            stock: StockSettings {
+                groups: StockSettings::groups_for(self.steps),
+                views: self.views,
+                draws: self.draws,
+                ..StockSettings::default()
+            },
             training: TrainingSettings { steps: self.steps, ..TrainingSettings::default() },
         }
     }

@@ -158,8 +158,7 @@ impl Cells {
 /// mean.
 fn difference(a: &[f64], b: &[f64], chosen: impl Fn(usize) -> bool) -> (f64, f64) {
     let (mut count, mut sum, mut squares) = (0.0, 0.0, 0.0);
-    for (at, (a, b)) in a.iter().zip(b).enumerate().filter(|(at, _)| chosen(*at)) {
-        let _ = at;
+    for (_, (a, b)) in a.iter().zip(b).enumerate().filter(|(at, _)| chosen(*at)) {
         (count, sum, squares) = (count + 1.0, sum + a - b, squares + (a - b).powi(2));
     }
     let mean = sum / count;

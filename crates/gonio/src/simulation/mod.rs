@@ -65,6 +65,13 @@ impl Default for StockSettings {
     }
 }
 
+impl StockSettings {
+    /// Number of groups for a training of this many steps: short ones need fewer than the default.
+    pub fn groups_for(steps: usize) -> usize {
+        Self::default().groups.min(steps.div_ceil(8))
+    }
+}
+
 /// Scenes from which photographs are drawn.
 ///
 /// The scenes of the default settings take 0.9 GB. Training replaces one group after the other

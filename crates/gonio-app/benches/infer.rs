@@ -17,7 +17,8 @@ use gonio::render::{LightTree, SphereSettings, SurfaceSettings, render_sphere, r
 use gonio::scene::Correction;
 use gonio::shape::{Form as OwnForm, GeometryBuffer, MeshParts};
 use gonio_app::{
-    Colours, Form, Journal, Method, Normals, Reading, Scene, Settings, Shape, Shots, Source, Spaces, infer,
+    Colours, Form, Method, Normals, PhotographSource, ProgressLog, Reading, Scene, Settings, Shape, Source, Spaces,
+    infer,
 };
 
 /// Side of the square matrices whose products are the unit of time, and number of products.
@@ -41,7 +42,7 @@ fn main() {
     let rate = bench.flops() / unit / 1e9;
     println!("{PRODUCTS} products of {PRODUCT} x {PRODUCT} in f64: {unit:.3} s, {rate:.0} GFLOP/s\n");
     bench.head();
-    let sample = || Scene { shots: Shots::Files(vec![sample_file()]), ..scene(ball(8), Form::Sphere(None)) };
+    let sample = || Scene { shots: PhotographSource::Files(vec![sample_file()]), ..scene(ball(8), Form::Sphere(None)) };
     bench.row("samples/ball.exr", sample, 32, true);
     bench.row("the same, no report", sample, 32, false);
     bench.row("the same, light of 16 x 16", sample, 16, true);
@@ -138,10 +139,10 @@ impl Bench {
         };
         let run = || {
             let listener = |_: &'static str, _: f64| ();
-            let journal = Journal::new("reading", &listener);
-            let answer = infer((&self.model, "the model"), scene.clone(), &settings, &journal)
+            let progress_log = ProgressLog::new("reading", &listener);
+            let answer = infer((&self.model, "the model"), scene.clone(), &settings, &progress_log)
                 .unwrap_or_else(|problem| panic!("{name}: {problem:?}"));
-            let mut seconds = journal.seconds();
+            let mut seconds = progress_log.seconds();
             let start = Instant::now();
             let flops = products_of_light(&answer.notes["light"], side);
             let files = answer.files().map(|files| files.encode().len());
@@ -180,7 +181,7 @@ fn light() -> LightTree {
 fn scene(picture: Picture, form: Form) -> Scene {
     Scene {
         name: "the photograph".into(),
-        shots: Shots::Here(picture),
+        shots: PhotographSource::Here(picture),
         reading: Reading::default(),
         clip: None,
         mask: None,

@@ -3,14 +3,14 @@
 
 use gonio::estimate::{EstimateSettings, Light};
 use gonio::reflectance::BivariateTable;
-use gonio::scene::{Object, ObservationSettings, Sighting};
+use gonio::scene::{Detection, Object, ObservationSettings};
 use gonio_io::picture::{ReadOptions, encode_exr, read};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut paths = std::env::args().skip(1);
     let photo = paths.next().unwrap_or_else(|| "samples/ball.exr".into());
     let picture = read(&photo, &ReadOptions::default())?.picture;
-    let ball = Sighting::of(&picture, None, Object::Sphere(None), &ObservationSettings::default())?;
+    let ball = Detection::of(&picture, None, Object::Sphere(None), &ObservationSettings::default())?;
     let brdf = match paths.next() {
         Some(path) => {
             let table = gonio_io::brdf::read(path)?;

@@ -11,8 +11,8 @@ use gonio::estimate::{
 use gonio::lighting::{EnvironmentMap, LightGrid, named_light};
 use gonio::model::Model;
 use gonio::reflectance::BivariateTable;
-use gonio::remedy::Remedy;
 use gonio::scene::ObservationSettings;
+use gonio::suggestion::Suggestion;
 use gonio_io::colour_space::ColourSpace;
 use gonio_io::picture::ReadOptions;
 use gonio_io::posterior::SavedPosterior;
@@ -20,13 +20,13 @@ use gonio_report::panels::{Panels, Subject};
 use gonio_report::report::{Fits, Report};
 use serde_json::{Map, Value, json};
 
-use crate::notes::{self, Account};
-use crate::{Journal, Method, Problem, Scene, Seen, Settings, Source, Warning, basis, combine, reference};
+use crate::notes::{self, ResultDocument};
+use crate::{Method, ObservedScene, Problem, ProgressLog, Scene, Settings, Source, Warning, basis, combine, reference};
 
 /// Result of an inference from one photograph.
-pub struct Answer {
+pub struct InferenceResult {
     /// The photograph and the object in it.
-    pub seen: Seen,
+    pub seen: ObservedScene,
     /// Luminance of the BRDF, scaled to an albedo of 0.5 at normal incidence (1/sr).
     pub table: BivariateTable,
     /// Factor from `table` to the BRDF in the files; 1 unless the BRDF is absolute.
@@ -76,7 +76,7 @@ pub(crate) struct Found {
 const MOST: f64 = 1.1;
 
 /// Model, known light and rules of an inference.
-pub(crate) struct Asked<'a> {
+pub(crate) struct InferenceContext<'a> {
     pub(crate) model: Cow<'a, Model>,
     known_light: Option<EnvironmentMap>,
     /// Rule for the colours, and the assumption on the colour of the light in words.
@@ -84,7 +84,7 @@ pub(crate) struct Asked<'a> {
     observing: ObservationSettings,
 }
 
-impl<'a> Asked<'a> {
+impl<'a> InferenceContext<'a> {
     /// Checks the settings and reads the known light. `name` is the name of the model in messages.
     pub(crate) fn of((model, name): (&'a Model, &str), settings: &Settings<'_>) -> Result<Self, Problem> {
         let paper = settings.method.search().is_some_and(|search| search.paper);
@@ -105,7 +105,7 @@ impl<'a> Asked<'a> {
 
     /// Returns the rule for the colours of a scene, from its reference if it has one, and the
     /// assumption on the colour of the light in words.
-    pub(crate) fn rule_of(&self, seen: &Seen) -> (ColouringRule, &'static str) {
+    pub(crate) fn rule_of(&self, seen: &ObservedScene) -> (ColouringRule, &'static str) {
         seen.reference.as_ref().map_or(self.rule, |reference| reference.rule())
     }
 
@@ -115,13 +115,13 @@ impl<'a> Asked<'a> {
         scene: Scene,
         settings: &Settings<'_>,
         warnings: &mut Vec<Warning>,
-        journal: &Journal<'_>,
-    ) -> Result<Seen, Problem> {
+        progress_log: &ProgressLog<'_>,
+    ) -> Result<ObservedScene, Problem> {
         if scene.reference.is_some() {
             reference::check(&scene.name, settings.colours, self.known_light.is_some())?;
         }
         let shadows = settings.shadows.then_some((self.model.light.map, settings.side));
-        scene.look(&self.observing, shadows, warnings, journal)
+        scene.look(&self.observing, shadows, warnings, progress_log)
     }
 }
 
@@ -134,22 +134,22 @@ pub fn infer(
     model: (&Model, &str),
     scene: Scene,
     settings: &Settings<'_>,
-    journal: &Journal<'_>,
-) -> Result<Answer, Problem> {
-    of_one(&Asked::of(model, settings)?, scene, settings, Vec::new(), journal)
+    progress_log: &ProgressLog<'_>,
+) -> Result<InferenceResult, Problem> {
+    of_one(&InferenceContext::of(model, settings)?, scene, settings, Vec::new(), progress_log)
 }
 
 /// Infers from a scene with one object; `warnings` contains those from reading the photograph.
 pub(crate) fn of_one(
-    asked: &Asked<'_>,
+    asked: &InferenceContext<'_>,
     scene: Scene,
     settings: &Settings<'_>,
     mut warnings: Vec<Warning>,
-    journal: &Journal<'_>,
-) -> Result<Answer, Problem> {
+    progress_log: &ProgressLog<'_>,
+) -> Result<InferenceResult, Problem> {
     let (image, linear) = (scene.name.clone(), scene.reading.linear);
-    let seen = asked.look(scene, settings, &mut warnings, journal)?;
-    let found = solve(asked, &seen, (&image, linear), settings, &mut warnings, journal)?;
+    let seen = asked.look(scene, settings, &mut warnings, progress_log)?;
+    let found = solve(asked, &seen, (&image, linear), settings, &mut warnings, progress_log)?;
     if let ("misfit", misfit) = found.left
         && misfit > MAX_MISFIT
         && !seen.force
@@ -157,54 +157,54 @@ pub(crate) fn of_one(
         return Err(contradicted(&image, &seen, found.known_light.is_some(), misfit));
     }
     let found = found.scaled_by_reference(&seen, &mut warnings);
-    Ok(conclude(asked, seen, found, &image, settings, warnings, journal))
+    Ok(assemble(asked, seen, found, &image, settings, warnings, progress_log))
 }
 
 /// Returns the error for an estimate that the photograph contradicts, with suggestions.
-fn contradicted(image: &str, seen: &Seen, lit: bool, misfit: f64) -> Problem {
+fn contradicted(image: &str, seen: &ObservedScene, lit: bool, misfit: f64) -> Problem {
     let (percent, most) = (100.0 * misfit, 100.0 * MAX_MISFIT);
     let text = format!(
         "light and material do not reproduce the photograph: the relative RMS residual is {percent:.0} % (limit {most:.0} %)"
     );
     let problem = Problem::of(image, text);
-    let problem = if lit { problem.with(Remedy::AlignLight) } else { problem };
-    let problem = match &seen.sighting.placed {
-        Some(placed) if placed.default_camera => problem.with(Remedy::Camera).with(Remedy::Pose),
-        Some(_) => problem.with(Remedy::Pose),
-        None if seen.sighting.circle().is_some() => problem.with(Remedy::Outline),
+    let problem = if lit { problem.with(Suggestion::AlignLight) } else { problem };
+    let problem = match &seen.detection.placed {
+        Some(placed) if placed.default_camera => problem.with(Suggestion::Camera).with(Suggestion::Pose),
+        Some(_) => problem.with(Suggestion::Pose),
+        None if seen.detection.circle().is_some() => problem.with(Suggestion::Outline),
         None => problem,
     };
-    problem.with(Remedy::Force)
+    problem.with(Suggestion::Force)
 }
 
 /// Estimates the BRDF of an object, and the light unless it is known.
 pub(crate) fn solve(
-    asked: &Asked<'_>,
-    seen: &Seen,
+    asked: &InferenceContext<'_>,
+    seen: &ObservedScene,
     (image, linear): (&str, bool),
     settings: &Settings<'_>,
     warnings: &mut Vec<Warning>,
-    journal: &Journal<'_>,
+    progress_log: &ProgressLog<'_>,
 ) -> Result<Found, Problem> {
-    let Asked { model, known_light, .. } = asked;
+    let InferenceContext { model, known_light, .. } = asked;
     let rule = &asked.rule_of(seen).0;
-    let observations = &seen.sighting.observations;
-    let begin = |stage: Stage| journal.at(stage.name(), 0.0);
+    let observations = &seen.detection.observations;
+    let begin = |stage: Stage| progress_log.at(stage.name(), 0.0);
     let blame = |error: gonio::estimate::EstimateError| Problem::of(image, error);
     match (&settings.method, known_light) {
         (Method::KnownLight(ask), Some(map)) => {
             let found = estimate_under(model, observations, (map, ask.alignment), rule, &begin).map_err(blame)?;
             let known_light = Some(found.corrected(map));
             let scale = if ask.absolute { found.exposure } else { 1.0 };
-            let mut doubts: Vec<String> = found.doubts().iter().map(ToString::to_string).collect();
+            let mut diagnostics: Vec<String> = found.diagnostics().iter().map(ToString::to_string).collect();
             if ask.absolute && scale * ALBEDO > MOST {
-                doubts.push(format!(
+                diagnostics.push(format!(
                     "the absolute albedo at normal incidence is {:.2}, above the physical limit of 1; photograph and light map \
                      do not have the same scale",
                     scale * ALBEDO
                 ));
             }
-            warnings.extend(doubts.into_iter().map(Warning::from));
+            warnings.extend(diagnostics.into_iter().map(Warning::from));
             let mut sections = notes::under_known_light(&found, ask);
             sections["settings"]["linear"] = json!(linear);
             let LitEstimate { material, misfit, colouring, .. } = found;
@@ -225,7 +225,7 @@ pub(crate) fn solve(
         (method, known_light) => {
             let Some(search) = method.search() else { return Err(Problem::new("this method requires a known light")) };
             let how = (settings, search);
-            let found = basis::find((model, image), how, known_light.as_ref(), observations, warnings, journal)?;
+            let found = basis::find((model, image), how, known_light.as_ref(), observations, warnings, progress_log)?;
             let colouring = Colouring::of(model, observations, &found.table, rule);
             let basis::Coefficients { table, light, noise, mut sections } = found;
             let light = light.map(|grid| in_one_colour(grid, colouring.light()));
@@ -240,7 +240,7 @@ pub(crate) fn solve(
 impl Found {
     /// Converts an estimate under unknown light; its diagnostics become warnings.
     pub(crate) fn blind(found: Estimate, settings: Value, warnings: &mut Vec<Warning>) -> Self {
-        warnings.extend(found.doubts().iter().map(|doubt| Warning::from(doubt.to_string())));
+        warnings.extend(found.diagnostics().iter().map(|diagnostic| Warning::from(diagnostic.to_string())));
         let mut sections = notes::estimate(&found);
         sections["settings"] = settings;
         let Estimate { material, light: Light { grid, misfit, .. }, colouring, tint } = found;
@@ -261,7 +261,7 @@ impl Found {
 
 impl Found {
     /// Scales the estimate by the reference in the photograph, if the reference determines a scale.
-    pub(crate) fn scaled_by_reference(mut self, seen: &Seen, warnings: &mut Vec<Warning>) -> Self {
+    pub(crate) fn scaled_by_reference(mut self, seen: &ObservedScene, warnings: &mut Vec<Warning>) -> Self {
         let Some(reference) = &seen.reference else { return self };
         let scale = match (&self.light, &self.material) {
             (Some(light), Some(_)) => reference.scale(light),
@@ -284,15 +284,15 @@ fn in_one_colour(grid: LightGrid, colour: Vec3) -> LightGrid {
 }
 
 /// Assembles the result: pictures, report and `result.json`.
-pub(crate) fn conclude(
-    asked: &Asked<'_>,
-    seen: Seen,
+pub(crate) fn assemble(
+    asked: &InferenceContext<'_>,
+    seen: ObservedScene,
     found: Found,
     image: &str,
     settings: &Settings<'_>,
     mut warnings: Vec<Warning>,
-    journal: &Journal<'_>,
-) -> Answer {
+    progress_log: &ProgressLog<'_>,
+) -> InferenceResult {
     let (model, (rule, assumption)) = (&asked.model, &asked.rule_of(&seen));
     let Found { table, scale, material, light, known_light, left, colouring, sections, fits } = found;
     if matches!((rule, &colouring), (ColouringRule::Estimate { .. }, Colouring::Median(_))) {
@@ -301,7 +301,7 @@ pub(crate) fn conclude(
     }
     let spaces = settings.spaces;
     warnings.extend(spaces.warning(&colouring.field().tables(&table)));
-    let mut answer = Answer {
+    let mut answer = InferenceResult {
         caption: String::new(),
         panels: None,
         page: None,
@@ -319,14 +319,14 @@ pub(crate) fn conclude(
         left,
         colouring,
     };
-    let fits = settings.pictures.then(|| answer.draw(settings.report, fits, journal)).flatten();
-    let seconds = journal.seconds();
+    let fits = settings.pictures.then(|| answer.draw(settings.report, fits, progress_log)).flatten();
+    let seconds = progress_log.seconds();
     let total: f64 = seconds.iter().map(|(_, seconds)| seconds).sum();
-    let (used, (word, left)) = (answer.seen.sighting.observations.report.used_pixels, answer.left);
+    let (used, (word, left)) = (answer.seen.detection.observations.report.used_pixels, answer.left);
     let method = settings.method.name();
     answer.caption = format!("{method} | {used} pixels | {word} {:.1} % | {total:.0} s", 100.0 * left);
     let seconds = seconds.into_iter().chain([("total", total)]);
-    answer.notes = Account {
+    answer.notes = ResultDocument {
         image,
         method,
         model,
@@ -352,12 +352,12 @@ pub(crate) fn conclude(
     answer
 }
 
-impl Answer {
+impl InferenceResult {
     /// Returns the subject of the pictures.
     pub fn subject(&self) -> Subject<'_> {
         Subject {
             picture: &self.seen.picture,
-            sighting: &self.seen.sighting,
+            detection: &self.seen.detection,
             shadows: self.shadows,
             chroma: self.colouring.field(),
             table: &self.table,
@@ -369,12 +369,12 @@ impl Answer {
 
     /// Draws the pictures. In parallel, fits renderer models if the report needs them and none
     /// exist.
-    fn draw(&mut self, report: bool, fits: Option<Fits>, journal: &Journal<'_>) -> Option<Fits> {
-        journal.at("drawing", 0.0);
+    fn draw(&mut self, report: bool, fits: Option<Fits>, progress_log: &ProgressLog<'_>) -> Option<Fits> {
+        progress_log.at("drawing", 0.0);
         let subject = self.subject();
         let tables = subject.coloured(&self.table);
         let (panels, fits) = rayon::join(
-            || Panels::draw(&subject, &|x| journal.at("drawing", x)),
+            || Panels::draw(&subject, &|x| progress_log.at("drawing", x)),
             || fits.or_else(|| report.then(|| Fits::of(&tables))),
         );
         self.panels = Some(panels);

@@ -13,7 +13,7 @@ use gonio_io::cache::Cache;
 use serde_json::{Value, json};
 
 use crate::plan::{PlanOrigin, load_or_build};
-use crate::{Journal, Method, Problem, Search, Settings, Warning};
+use crate::{Method, Problem, ProgressLog, Search, Settings, Warning};
 
 /// Relative noise above which a result is unreliable: that of converged solutions is less than half
 /// of it.
@@ -39,23 +39,23 @@ pub(crate) fn find(
     known: Option<&EnvironmentMap>,
     observations: &Observations,
     warnings: &mut Vec<Warning>,
-    journal: &Journal<'_>,
+    progress_log: &ProgressLog<'_>,
 ) -> Result<Coefficients, Problem> {
     let blame = |error: &dyn std::error::Error| Problem::of(image, error);
-    journal.at("plan", 0.0);
+    progress_log.at("plan", 0.0);
     let (projected, transfer) = match known {
         Some(light) => {
             let (tables, integrator) = (&model.reflectance.functions, IntegratorSettings::default());
-            let report = |x| journal.at("plan", x);
+            let report = |x| progress_log.at("plan", x);
             let rows = images_of_basis(observations.seen(), tables, &LightTree::of_map(light), &integrator, &report);
             let projected = Projected::under_known_light(&rows, tables.len(), &observations.values);
             (projected, json!({ "light": settings.method.light().map(|light| light.name("the light")) }))
         }
-        None => project(model, settings.side, search.full_rows, observations, warnings, journal)
+        None => project(model, settings.side, search.full_rows, observations, warnings, progress_log)
             .map_err(|error| blame(&*error))?,
     };
-    journal.at("inference", 0.0);
-    let posterior = posterior(model, settings, search, &projected, journal).map_err(|error| blame(&error))?;
+    progress_log.at("inference", 0.0);
+    let posterior = posterior(model, settings, search, &projected, progress_log).map_err(|error| blame(&error))?;
     let table = model.reflectance.combine(&posterior.reflectance).map_err(|error| blame(&error))?;
     if table.trusted_max() <= 0.0 {
         return Err(Problem::of(image, "all reflectance coefficients are zero; check that the object is lit"));
@@ -98,7 +98,7 @@ pub(crate) fn find(
         "exposure": { "mean": posterior.exposure, "sd": posterior.exposure_sd },
         "noise": { "sd": posterior.noise, "relative": noise },
         "cost": {
-            "name": if matches!(settings.method, Method::JointMaximum(_)) { "minus log posterior" } else { "C_KL" },
+            "name": if matches!(settings.method, Method::JointMap(_)) { "minus log posterior" } else { "C_KL" },
             "trace": posterior.trace, "starts": posterior.starts, "best_start": posterior.best_start,
         },
     });
@@ -112,7 +112,7 @@ fn project(
     full_rows: bool,
     observations: &Observations,
     warnings: &mut Vec<Warning>,
-    journal: &Journal<'_>,
+    progress_log: &ProgressLog<'_>,
 ) -> Result<(Projected, Value), Box<dyn std::error::Error>> {
     let tables = &model.reflectance.functions;
     let settings = PlanSettings { side, ..PlanSettings::default() };
@@ -123,7 +123,7 @@ fn project(
         return Ok((projected, json!({ "rows": observations.report.used, "full_rows": true })));
     }
     let cache = Cache::user();
-    let report = |x| journal.at("plan", x);
+    let report = |x| progress_log.at("plan", x);
     let (plan, origin, failed) =
         load_or_build(cache.as_ref(), observations.seen(), tables, &model.light, &settings, &report)?;
     if let Some(error) = failed {
@@ -155,7 +155,7 @@ fn posterior(
     settings: &Settings<'_>,
     search: &Search,
     projected: &Projected,
-    journal: &Journal<'_>,
+    progress_log: &ProgressLog<'_>,
 ) -> Result<Posterior, gonio::inference::ProblemError> {
     let rates = &model.reflectance.rates;
     let Search { solver, starts, seed, paper, .. } = *search;
@@ -170,7 +170,7 @@ fn posterior(
             let settings = VariationalSettings { solver: Solver::Blocks, ..variational };
             (Bilinear::with_known_light(projected, rates, hyper)?, Finder::KnownLight(settings))
         }
-        Method::JointMaximum(_) => {
+        Method::JointMap(_) => {
             let settings = JointMapSettings { starts, seed, ..JointMapSettings::default() };
             (Bilinear::blind(projected, &model.light, rates, hyper)?, Finder::JointMap(settings))
         }
@@ -180,5 +180,5 @@ fn posterior(
     };
     let known = model.reflectance.materials.iter().map(|m| m.coefficients.clone()).collect();
     let problem = if paper { problem } else { problem.starting_from(known) };
-    Ok(infer(&problem, &finder, &|x| journal.at("inference", x)))
+    Ok(infer(&problem, &finder, &|x| progress_log.at("inference", x)))
 }

@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 
 use crate::regions::{Regions, may_be_several, parts};
 use crate::scene::read_mask;
-use crate::{Journal, Photograph, Problem, Scene, Seen, Shots, Warning, notes};
+use crate::{ObservedScene, Photograph, PhotographSource, Problem, ProgressLog, Scene, Warning, notes};
 
 /// Result of checking a photograph.
 pub struct Checked {
@@ -28,7 +28,7 @@ pub struct Looked {
     /// Its name, if there are several.
     pub name: Option<String>,
     /// Its position and the status of its pixels.
-    pub seen: Seen,
+    pub seen: ObservedScene,
 }
 
 /// Error of a check.
@@ -59,10 +59,10 @@ impl Unchecked {
 /// # Errors
 /// If a file cannot be read, or an object is not detected or has too few usable pixels. The error
 /// names the faulty input.
-pub fn check(mut scene: Scene, regions: Option<Regions>, journal: &Journal<'_>) -> Result<Checked, Unchecked> {
+pub fn check(mut scene: Scene, regions: Option<Regions>, progress_log: &ProgressLog<'_>) -> Result<Checked, Unchecked> {
     let mut warnings = Vec::new();
-    journal.at("reading", 0.0);
-    let shots = std::mem::replace(&mut scene.shots, Shots::Files(Vec::new()));
+    progress_log.at("reading", 0.0);
+    let shots = std::mem::replace(&mut scene.shots, PhotographSource::Files(Vec::new()));
     let photograph: Photograph = shots.read(&scene.reading, scene.clip, &mut warnings)?;
     let mut of_mask = Vec::new();
     let mask = read_mask(scene.mask.clone(), photograph.picture.rgb.size(), &mut of_mask)?;
@@ -72,10 +72,10 @@ pub fn check(mut scene: Scene, regions: Option<Regions>, journal: &Journal<'_>) 
     if regions.is_some() {
         warnings.append(&mut of_mask);
     }
-    let mut look = |scene: Scene| scene.look(&ObservationSettings::default(), None, &mut warnings, journal);
+    let mut look = |scene: Scene| scene.look(&ObservationSettings::default(), None, &mut warnings, progress_log);
     let objects = match &regions {
         None => {
-            let seen = look(Scene { shots: Shots::Read(photograph.clone()), ..scene })
+            let seen = look(Scene { shots: PhotographSource::Read(photograph.clone()), ..scene })
                 .map_err(|problem| Unchecked::of(problem, &photograph.picture))?;
             vec![Looked { name: None, seen }]
         }
@@ -97,7 +97,7 @@ pub fn check(mut scene: Scene, regions: Option<Regions>, journal: &Journal<'_>) 
 impl Checked {
     /// Draws outlines, clipped and faulty pixels on the photograph, as linear display values.
     pub fn draw(&self) -> Plane<Vec3> {
-        let sightings: Vec<_> = self.objects.iter().map(|object| &object.seen.sighting).collect();
+        let sightings: Vec<_> = self.objects.iter().map(|object| &object.seen.detection).collect();
         draw(&self.picture, &sightings)
     }
 
@@ -105,7 +105,7 @@ impl Checked {
     pub fn notes(&self) -> Value {
         let (width, height) = self.picture.rgb.size();
         let object = |object: &Looked| {
-            let mut notes = notes::sighting(&object.seen.sighting);
+            let mut notes = notes::detection(&object.seen.detection);
             notes["name"] = json!(object.name);
             notes["coverage"] = json!(object.coverage());
             notes["reference"] = json!(object.seen.reference.as_ref().map(|reference| reference.notes(None)));
@@ -121,22 +121,25 @@ impl Checked {
 impl Looked {
     /// Returns the fraction of the image that the object covers.
     pub fn coverage(&self) -> f64 {
-        let sighting = &self.seen.sighting;
+        let detection = &self.seen.detection;
         let (width, height) = self.seen.picture.rgb.size();
-        let inside = (0..width * height).filter(|i| sighting.contains(i % width, i / width));
+        let inside = (0..width * height).filter(|i| detection.contains(i % width, i / width));
         inside.count() as f64 / (width * height).max(1) as f64
     }
 
     /// Describes the detected shape.
     pub fn outline(&self) -> String {
-        match &self.seen.sighting.found {
+        match &self.seen.detection.found {
             Found::Circle(circle) => {
                 let Circle { x, y, radius } = circle;
-                let sure = self.seen.sighting.sureness.map(|sure| format!(", {sure}")).unwrap_or_default();
+                let sure = self.seen.detection.sureness.map(|sure| format!(", {sure}")).unwrap_or_default();
                 format!("ball, circle {x:.1},{y:.1},{radius:.1} (x, y, radius in pixels){sure}")
             }
             Found::Ball(centre) => {
-                format!("ball of radius 1 at {:.2},{:.2},{:.2} in camera coordinates", centre.x, centre.y, centre.z)
+                format!(
+                    "ball with centre in direction {:.2},{:.2},{:.2} in camera coordinates",
+                    centre.x, centre.y, centre.z
+                )
             }
             Found::Ellipse(ellipse, depth) => {
                 format!(

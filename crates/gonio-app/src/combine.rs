@@ -18,7 +18,7 @@ use gonio_report::uncertainty;
 use serde_json::{Value, json};
 
 use crate::results::{Files, QUANTILES};
-use crate::{Journal, Problem, notes};
+use crate::{Problem, ProgressLog, notes};
 
 /// Largest number of photographs in the picture.
 const SHOWN: usize = 12;
@@ -80,7 +80,7 @@ pub fn read_posteriors(folders: &[PathBuf]) -> Result<Vec<(String, SavedPosterio
 pub fn combine(
     (model, model_name): (&Model, &str),
     given: &[(String, SavedPosterior)],
-    journal: &Journal<'_>,
+    progress_log: &ProgressLog<'_>,
 ) -> Result<CombinedAnswer, Problem> {
     let learnt = model.learnt.as_ref().ok_or_else(|| Problem::of(model_name, "has no posterior of materials"))?;
     let other = "was inferred with another model; combine results of one model, and specify that model";
@@ -92,7 +92,7 @@ pub fn combine(
             return Err(Problem::of(name, format!("has the same photograph as {first}; specify each photograph once")));
         }
     }
-    journal.at("posterior", 0.0);
+    progress_log.at("posterior", 0.0);
     let likelihoods: Vec<_> = given.iter().map(|(_, saved)| saved.likelihood.clone()).collect();
     let Combined { material, agreement } = multiply(model, &likelihoods).map_err(|error| blame(given, &error))?;
     let saved: Vec<SavedChroma> = given.iter().filter_map(|(_, saved)| saved.chroma.clone()).collect();
@@ -100,11 +100,11 @@ pub fn combine(
     let field = chroma.as_ref().map_or(ChromaField::GREY, SavedChroma::field);
     let alone: Vec<MaterialPosterior> =
         likelihoods.into_iter().filter_map(|likelihood| MaterialPosterior::of(learnt, likelihood)).collect();
-    journal.at("drawing", 0.0);
+    progress_log.at("drawing", 0.0);
     let pictures = draw(given, &material, &alone, &field);
     let images: Vec<String> = given.iter().flat_map(|(_, saved)| saved.images.clone()).collect();
     let both = SavedPosterior::new(learnt.id(), images, material.posterior.likelihood.clone(), chroma.clone());
-    let notes = account(model, given, &material, &agreement, (&field, chroma.as_ref()), journal);
+    let notes = account(model, given, &material, &agreement, (&field, chroma.as_ref()), progress_log);
     Ok(CombinedAnswer { material, field, agreement, pictures, notes, saved: both })
 }
 
@@ -157,7 +157,7 @@ fn account(
     material: &Material,
     agreement: &[f64],
     (field, chroma): (&ChromaField, Option<&SavedChroma>),
-    journal: &Journal<'_>,
+    progress_log: &ProgressLog<'_>,
 ) -> Value {
     let (body, highlight) = (field.body(&material.table), field.highlight(&material.table));
     let photographs: Vec<Value> = given
@@ -166,7 +166,7 @@ fn account(
         .map(|((name, saved), agreement)| json!({ "folder": name, "images": saved.images, "agreement": agreement }))
         .collect();
     let seconds: serde_json::Map<String, Value> =
-        journal.seconds().into_iter().map(|(stage, seconds)| (stage.to_owned(), json!(seconds))).collect();
+        progress_log.seconds().into_iter().map(|(stage, seconds)| (stage.to_owned(), json!(seconds))).collect();
     json!({
         "format": "gonio-result",
         "version": 1,

@@ -3,9 +3,10 @@
 //!
 //! A [`Scene`] specifies the photograph and the shape of its object. [`infer`] reads the scene,
 //! detects the object and estimates its BRDF according to the [`Settings`]. It returns an
-//! [`Answer`]; [`Answer::files`] are the contents of the folder of results. A [`Journal`] reports
-//! progress. Errors are [`Problem`]s, which name the faulty input, and [`Warning`]s; both carry
-//! [suggestions](gonio::remedy::Remedy), which each front end words in its own terms.
+//! [`InferenceResult`]; [`InferenceResult::files`] are the contents of the folder of results. A
+//! [`ProgressLog`] reports progress. Errors are [`Problem`]s, which name the faulty input, and
+//! [`Warning`]s; both carry [suggestions](gonio::suggestion::Suggestion), which each front end
+//! words in its own terms.
 
 #![deny(clippy::print_stdout, clippy::print_stderr)]
 
@@ -16,13 +17,13 @@ pub mod combine;
 pub mod compare;
 pub mod export;
 pub mod folder;
-mod journal;
 mod mask;
 pub mod notes;
 pub mod photograph;
 pub mod plan;
 mod probe;
 mod problem;
+mod progress_log;
 mod reference;
 pub mod regions;
 pub mod results;
@@ -32,15 +33,15 @@ mod shape;
 pub mod spaces;
 pub mod training;
 
-pub use answer::{Answer, infer, read_light};
+pub use answer::{InferenceResult, infer, read_light};
 pub use check::{Checked, Looked, Unchecked, check};
 pub use gonio::estimate::Alignment;
-pub use journal::Journal;
-pub use photograph::{Curve, Photograph, Reading, Shots};
+pub use photograph::{Curve, Photograph, PhotographSource, Reading};
 pub use probe::{LightProbe, Mirror, light_probe};
 pub use problem::{Problem, Warning, Words};
+pub use progress_log::ProgressLog;
 pub use reference::{GREY_REFLECTANCE, MeasuredReference, Reference, ReferenceTarget, WHITE_REFLECTANCE};
-pub use scene::{Scene, Seen};
+pub use scene::{ObservedScene, Scene};
 pub use settings::{AS_CAPTURED, Colours, KnownLight, Method, Search, Settings};
 pub use shape::{Form, Normals, Places, Shape, Source};
 pub use spaces::{Spaces, read_brdf};

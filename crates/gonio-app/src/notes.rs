@@ -7,21 +7,21 @@ use gonio::estimate::{
 use gonio::inference::learnt::Neighbour;
 use gonio::inference::light::LightProblem;
 use gonio::model::Model;
-use gonio::scene::{Found, Sighting};
+use gonio::scene::{Detection, Found};
 use gonio::shape::{Camera, Soundness};
 use serde_json::{Value, json};
 
 use crate::KnownLight;
 
 /// Contents of `result.json`: the common sections and those of the method.
-pub struct Account<'a> {
+pub struct ResultDocument<'a> {
     /// Name of the photograph in messages.
     pub image: &'a str,
     /// Name of the method.
     pub method: &'a str,
     /// The model that inferred the result.
     pub model: &'a Model,
-    /// The section `observations`: [`sighting`] and more.
+    /// The section `observations`: [`detection`] and more.
     pub observations: Value,
     /// The section `bracket` of a merged photograph.
     pub bracket: Option<Value>,
@@ -37,7 +37,7 @@ pub struct Account<'a> {
     pub sections: Value,
 }
 
-impl Account<'_> {
+impl ResultDocument<'_> {
     /// Returns the contents of `result.json`.
     pub fn result(self) -> Value {
         let Self { image, method, model, observations, bracket, colouring, assumption, warnings, seconds, sections } =
@@ -69,7 +69,7 @@ pub fn extend(notes: &mut Value, more: Value) {
     }
 }
 
-/// Returns the notes on a mesh and its camera, which extend those of [`sighting`].
+/// Returns the notes on a mesh and its camera, which extend those of [`detection`].
 pub fn mesh(name: &str, soundness: &Soundness, camera: &Camera) -> Value {
     json!({
         "mesh": name, "soundness": soundness, "principal_point": camera.principal,
@@ -280,8 +280,8 @@ fn colouring(colouring: &Colouring, assumption: &str) -> Value {
 }
 
 /// Returns the section `observations`: the detected shape and the status of the pixels.
-pub fn sighting(sighting: &Sighting) -> Value {
-    let mut notes = match &sighting.found {
+pub fn detection(detection: &Detection) -> Value {
+    let mut notes = match &detection.found {
         Found::Circle(circle) => json!({ "circle": circle }),
         Found::Ball(centre) => json!({ "shape": { "ball": { "centre": centre.to_array() } } }),
         Found::Ellipse(ellipse, depth) => json!({ "shape": { "ellipse": ellipse, "depth_axis": depth } }),
@@ -291,12 +291,12 @@ pub fn sighting(sighting: &Sighting) -> Value {
             json!({ "shape": shape })
         }
     };
-    if let (Some(placed), Some(shape)) = (&sighting.placed, notes.get_mut("shape").and_then(Value::as_object_mut))
-        && !matches!(sighting.found, Found::Ellipse(..))
+    if let (Some(placed), Some(shape)) = (&detection.placed, notes.get_mut("shape").and_then(Value::as_object_mut))
+        && !matches!(detection.found, Found::Ellipse(..))
     {
         shape.insert("projection".into(), json!(placed.camera.projection));
     }
-    if let Some(sureness) = sighting.sureness {
+    if let Some(sureness) = detection.sureness {
         notes["sureness"] = json!({
             "support": sureness.support,
             "rival": sureness.rival,
@@ -305,10 +305,10 @@ pub fn sighting(sighting: &Sighting) -> Value {
                      relative to the weight of the ball",
         });
     }
-    if let Some((seen, inside)) = sighting.pixels {
+    if let Some((seen, inside)) = detection.pixels {
         notes["pixels"] = json!({ "seen": seen, "inside": inside });
     }
-    notes["report"] = json!(sighting.observations.report);
+    notes["report"] = json!(detection.observations.report);
     notes["note"] = json!(
         "report: observed_pixels: number of pixels on the object. used_pixels: number of those that gonio uses. points: number of \
          points on the object at which gonio samples the image, between pixels if the image is small. used, clipped, outside, \

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use gonio::bracket::{MergeSettings, Merged, Response, merge};
 use gonio::picture::{Picture, Plane};
-use gonio::remedy::Remedy;
+use gonio::suggestion::Suggestion;
 use gonio_io::colour_space::ColourSpace;
 use gonio_io::picture::{
     self, BracketOptions, Decoded, Encoding, InputSpace, ReadOptions, divide_by_flat, subtract_black,
@@ -50,7 +50,7 @@ pub enum Curve {
 
 /// Source of a photograph.
 #[derive(Clone, Debug)]
-pub enum Shots {
+pub enum PhotographSource {
     /// A picture in memory.
     Here(Picture),
     /// A photograph that is already read.
@@ -89,7 +89,7 @@ pub struct MergedBracket {
     pub amounts: Vec<f64>,
 }
 
-impl Shots {
+impl PhotographSource {
     /// Reads the image, or merges the exposures. `clip` is the clip level that the user specified.
     ///
     /// # Errors
@@ -141,7 +141,7 @@ impl Shots {
 /// If the image cannot be read.
 pub fn read_picture(path: &Path, options: &ReadOptions, warnings: &mut Vec<Warning>) -> Result<Decoded, Problem> {
     let decoded = picture::read(path, options)?;
-    warnings.extend(oddities(path, options, &decoded));
+    warnings.extend(scene_warnings(path, options, &decoded));
     Ok(decoded)
 }
 
@@ -156,11 +156,11 @@ pub fn decode_picture(
     warnings: &mut Vec<Warning>,
 ) -> Result<Decoded, Problem> {
     let decoded = picture::decode(name, bytes, options)?;
-    warnings.extend(oddities(name, options, &decoded));
+    warnings.extend(scene_warnings(name, options, &decoded));
     Ok(decoded)
 }
 
-fn oddities(path: &Path, options: &ReadOptions, decoded: &Decoded) -> Vec<Warning> {
+fn scene_warnings(path: &Path, options: &ReadOptions, decoded: &Decoded) -> Vec<Warning> {
     let name = path.display();
     let coded = match decoded.encoding {
         Encoding::Srgb { bits } => Some(Warning::new(
@@ -168,7 +168,7 @@ fn oddities(path: &Path, options: &ReadOptions, decoded: &Decoded) -> Vec<Warnin
                 "{name}: {bits}-bit image, decoded as sRGB; its highlights are probably clipped and its tone curve is \
                  unknown; use an HDR image for reliable results"
             ),
-            vec![Remedy::Linear],
+            vec![Suggestion::Linear],
         )),
         Encoding::Coded { bits } => Some(Warning::new(
             format!(
@@ -176,7 +176,7 @@ fn oddities(path: &Path, options: &ReadOptions, decoded: &Decoded) -> Vec<Warnin
                  use an HDR image for reliable results",
                 decoded.input.source.words()
             ),
-            vec![Remedy::Linear],
+            vec![Suggestion::Linear],
         )),
         Encoding::LinearFloat if options.linear => {
             Some(Warning::from(format!("{name}: is already linear; the option for linear values has no effect")))
@@ -186,7 +186,7 @@ fn oddities(path: &Path, options: &ReadOptions, decoded: &Decoded) -> Vec<Warnin
     let layered = decoded.layer.as_ref().filter(|_| options.layer.is_none()).map(|layer| {
         let (taken, others) = (&layer.name, layer.others.join(", "));
         let text = format!("{name}: has several layers; gonio uses {taken}, the others are {others}");
-        Warning::new(text, vec![Remedy::Layer])
+        Warning::new(text, vec![Suggestion::Layer])
     });
     let pixels = decoded.picture.rgb.as_slice().len();
     let space = spaces::warnings(&name.to_string(), &decoded.input, pixels);
@@ -234,7 +234,7 @@ fn single(
         decoded.full_scale = flatten(&mut decoded.picture, flat, reading, level_found)?;
     }
     let decoded = decoded.into_working(path)?;
-    warnings.extend(oddities(path, &options, &decoded));
+    warnings.extend(scene_warnings(path, &options, &decoded));
     let Decoded { picture, full_scale, input, .. } = decoded;
     Ok(Photograph { picture, clip: full_scale, notes: None, space: Some(input) })
 }

@@ -3,15 +3,15 @@
 use glam::Vec3;
 use gonio::picture::Plane;
 use gonio::probe::{ProbeError, ProbeOddity, ProbeSettings, Reflectance, SecondView, View, probe};
-use gonio::remedy::Remedy;
-use gonio::scene::Fate;
+use gonio::scene::PixelStatus;
+use gonio::suggestion::Suggestion;
 use gonio_io::colour_space::ColourSpace;
 use gonio_io::picture::{InputSpace, encode_exr_in, encode_png};
 use gonio_report::probe::draw;
 use serde_json::{Value, json};
 
 use crate::scene::Opened;
-use crate::{Journal, Problem, Scene, Warning};
+use crate::{Problem, ProgressLog, Scene, Warning};
 
 /// A mirror ball in one photograph or two.
 #[derive(Clone, Debug)]
@@ -56,21 +56,21 @@ impl LightProbe {
 /// # Errors
 /// If a file cannot be read, no ball is detected, it has too few usable pixels, or settings are
 /// invalid. The error names the faulty input.
-pub fn light_probe(mirror: Mirror, journal: &Journal<'_>) -> Result<LightProbe, Problem> {
+pub fn light_probe(mirror: Mirror, progress_log: &ProgressLog<'_>) -> Result<LightProbe, Problem> {
     let mut warnings = Vec::new();
     let reflectance = Reflectance::new(mirror.reflectance).map_err(|error| Problem::new(error.to_string()))?;
     let settings = ProbeSettings { reflectance, rows: mirror.rows };
-    let own = |remedy| remedy;
-    let first = Seen::of(mirror.first, &own, &mut warnings, journal)?;
+    let own = |suggestion| suggestion;
+    let first = ObservedScene::of(mirror.first, &own, &mut warnings, progress_log)?;
     let second = match mirror.second {
         None => None,
-        Some((scene, degrees)) => Some((Seen::of(scene, &of_second, &mut warnings, journal)?, degrees)),
+        Some((scene, degrees)) => Some((ObservedScene::of(scene, &of_second, &mut warnings, progress_log)?, degrees)),
     };
-    journal.at("unwrapping", 0.0);
+    progress_log.at("unwrapping", 0.0);
     let all = || std::iter::once(&first).chain(second.as_ref().map(|(seen, _)| seen));
     let names = all().map(|seen| seen.name.clone()).collect::<Vec<_>>().join(" and ");
     for seen in all() {
-        warnings.extend(seen.view.oddities().iter().map(|odd| warning(&seen.name, odd)));
+        warnings.extend(seen.view.scene_warnings().iter().map(|odd| warning(&seen.name, odd)));
     }
     let mut notes = json!({ "photograph": first.notes() });
     if let Some((second, _)) = &second {
@@ -85,9 +85,9 @@ pub fn light_probe(mirror: Mirror, journal: &Journal<'_>) -> Result<LightProbe, 
             Some(_) => Problem::of(&names, &error),
             None => Problem::of(&name, &error),
         };
-        error.remedies().into_iter().fold(problem, Problem::with)
+        error.suggestions().into_iter().fold(problem, Problem::with)
     })?;
-    warnings.extend(found.report.oddities().iter().map(|odd| warning(&names, odd)));
+    warnings.extend(found.report.scene_warnings().iter().map(|odd| warning(&names, odd)));
     crate::notes::extend(&mut notes, json!(found.report));
     let views: Vec<&View> = std::iter::once(&first).chain(second.as_ref().map(|second| &second.view)).collect();
     let picture = draw(&views, &found);
@@ -99,39 +99,39 @@ fn warning(name: &str, odd: &ProbeOddity) -> Warning {
 }
 
 /// Returns the suggestion for the second photograph that corresponds to one for the first.
-fn of_second(remedy: Remedy) -> Remedy {
-    match remedy {
-        Remedy::Outline | Remedy::OneOf(_) => Remedy::SecondOutline,
-        Remedy::Mask => Remedy::SecondMask,
+fn of_second(suggestion: Suggestion) -> Suggestion {
+    match suggestion {
+        Suggestion::Outline | Suggestion::OneOf(_) => Suggestion::SecondOutline,
+        Suggestion::Mask => Suggestion::SecondMask,
         other => other,
     }
 }
 
 /// A photograph with its detected ball.
-struct Seen {
+struct ObservedScene {
     name: String,
     view: View,
     bracket: Option<Value>,
     space: Option<InputSpace>,
 }
 
-impl Seen {
-    /// Reads a photograph and detects its ball. `remedy` maps suggestions for the first photograph
-    /// to those for this one.
+impl ObservedScene {
+    /// Reads a photograph and detects its ball. `suggestion` maps suggestions for the first
+    /// photograph to those for this one.
     fn of(
         scene: Scene,
-        remedy: &dyn Fn(Remedy) -> Remedy,
+        suggestion: &dyn Fn(Suggestion) -> Suggestion,
         warnings: &mut Vec<Warning>,
-        journal: &Journal<'_>,
+        progress_log: &ProgressLog<'_>,
     ) -> Result<Self, Problem> {
         let name = scene.name.clone();
-        let Opened { picture, clip, bracket, space, mask, object, names, .. } = scene.open(warnings, journal)?;
+        let Opened { picture, clip, bracket, space, mask, object, names, .. } = scene.open(warnings, progress_log)?;
         let view = View::of(&picture, mask.as_ref(), &object, clip).map_err(|error| {
             let problem = match &error {
                 ProbeError::Scene(scene) => Problem::of(names.origin(scene), &error),
                 _ => Problem::of(&name, &error),
             };
-            error.remedies().into_iter().map(remedy).fold(problem, Problem::with)
+            error.suggestions().into_iter().map(suggestion).fold(problem, Problem::with)
         })?;
         Ok(Self { name, view, bracket, space })
     }
@@ -142,10 +142,10 @@ impl Seen {
         let mut notes = json!({
             "image": self.name,
             "radius_pixels": ball.pixels(),
-            "used": self.view.count(&[Fate::Used, Fate::Clipped]),
-            "clipped": self.view.count(&[Fate::Clipped]),
-            "faulty": self.view.count(&[Fate::Negative, Fate::NotFinite]),
-            "rim": self.view.count(&[Fate::Edge]),
+            "used": self.view.count(&[PixelStatus::Used, PixelStatus::Clipped]),
+            "clipped": self.view.count(&[PixelStatus::Clipped]),
+            "faulty": self.view.count(&[PixelStatus::Negative, PixelStatus::NotFinite]),
+            "rim": self.view.count(&[PixelStatus::Edge]),
         });
         match ball.circle() {
             Some(circle) => notes["circle"] = json!(circle),

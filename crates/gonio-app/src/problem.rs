@@ -3,25 +3,25 @@
 use std::fmt::{self, Display};
 use std::io::ErrorKind;
 
-use gonio::remedy::Remedy;
 use gonio::scene::{Circle, SceneError};
+use gonio::suggestion::Suggestion;
 
 /// Function that words a suggestion as an imperative clause; `None` if the front end does not
 /// support it.
-pub type Words<'a> = &'a dyn Fn(&Remedy) -> Option<String>;
+pub type Words<'a> = &'a dyn Fn(&Suggestion) -> Option<String>;
 
 /// An error: the faulty input and the reason.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Problem {
     text: String,
-    remedies: Vec<Remedy>,
+    suggestions: Vec<Suggestion>,
     io: Option<ErrorKind>,
 }
 
 impl Problem {
     /// Creates an error with a text.
     pub fn new(text: impl Into<String>) -> Self {
-        Self { text: text.into(), remedies: Vec::new(), io: None }
+        Self { text: text.into(), suggestions: Vec::new(), io: None }
     }
 
     /// Creates an error about a named input.
@@ -31,7 +31,7 @@ impl Problem {
 
     /// Creates an error about a photograph, shape or mask, with its suggestions.
     pub fn of_scene(name: impl Display, error: &SceneError) -> Self {
-        Self { remedies: error.remedies(), ..Self::of(name, error) }
+        Self { suggestions: error.suggestions(), ..Self::of(name, error) }
     }
 
     /// Prefixes the error with a part of the input.
@@ -43,15 +43,15 @@ impl Problem {
 
     /// Adds a suggestion.
     #[must_use]
-    pub fn with(mut self, remedy: Remedy) -> Self {
-        self.remedies.push(remedy);
+    pub fn with(mut self, suggestion: Suggestion) -> Self {
+        self.suggestions.push(suggestion);
         self
     }
 
     /// Returns candidates for the outline of the ball, the most probable first.
     pub fn candidates(&self) -> &[Circle] {
-        let circles = self.remedies.iter().find_map(|remedy| match remedy {
-            Remedy::OneOf(circles) => Some(circles.as_slice()),
+        let circles = self.suggestions.iter().find_map(|suggestion| match suggestion {
+            Suggestion::OneOf(circles) => Some(circles.as_slice()),
             _ => None,
         });
         circles.unwrap_or_default()
@@ -64,7 +64,7 @@ impl Problem {
 
     /// Returns the error in one line, with the suggestions of a front end.
     pub fn worded(&self, words: Words<'_>) -> String {
-        worded(&self.text, &self.remedies, words)
+        worded(&self.text, &self.suggestions, words)
     }
 }
 
@@ -79,7 +79,11 @@ impl std::error::Error for Problem {}
 
 impl From<gonio_io::Error> for Problem {
     fn from(error: gonio_io::Error) -> Self {
-        Self { text: error.to_string(), remedies: error.remedy().cloned().into_iter().collect(), io: error.io_kind() }
+        Self {
+            text: error.to_string(),
+            suggestions: error.suggestion().cloned().into_iter().collect(),
+            io: error.io_kind(),
+        }
     }
 }
 
@@ -87,29 +91,29 @@ impl From<gonio_io::Error> for Problem {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Warning {
     text: String,
-    remedies: Vec<Remedy>,
+    suggestions: Vec<Suggestion>,
 }
 
 impl Warning {
     /// Creates a warning with suggestions.
-    pub fn new(text: impl Into<String>, remedies: Vec<Remedy>) -> Self {
-        Self { text: text.into(), remedies }
+    pub fn new(text: impl Into<String>, suggestions: Vec<Suggestion>) -> Self {
+        Self { text: text.into(), suggestions }
     }
 
     /// Returns the warning in one line, with the suggestions of a front end.
     pub fn worded(&self, words: Words<'_>) -> String {
-        worded(&self.text, &self.remedies, words)
+        worded(&self.text, &self.suggestions, words)
     }
 }
 
 impl From<String> for Warning {
     fn from(text: String) -> Self {
-        Self { text, remedies: Vec::new() }
+        Self { text, suggestions: Vec::new() }
     }
 }
 
-fn worded(text: &str, remedies: &[Remedy], words: Words<'_>) -> String {
-    let offered: Vec<String> = remedies.iter().filter_map(words).collect();
+fn worded(text: &str, suggestions: &[Suggestion], words: Words<'_>) -> String {
+    let offered: Vec<String> = suggestions.iter().filter_map(words).collect();
     if offered.is_empty() { text.to_owned() } else { format!("{text}; {}", offered.join(", or ")) }
 }
 
@@ -122,9 +126,10 @@ mod tests {
         let problem = Problem::of_scene("ball.exr", &SceneError::NoOutline);
         assert!(problem.to_string().starts_with("ball.exr: no object found"));
         assert_eq!(problem.worded(&|_| None), problem.to_string());
-        let words = |remedy: &Remedy| (*remedy != Remedy::Camera).then(|| format!("give {remedy:?}"));
+        let words =
+            |suggestion: &Suggestion| (*suggestion != Suggestion::Camera).then(|| format!("give {suggestion:?}"));
         assert!(problem.worded(&words).ends_with("; give Mask, or give Outline"), "{}", problem.worded(&words));
-        let warning = Warning::new("odd", vec![Remedy::Linear]);
+        let warning = Warning::new("odd", vec![Suggestion::Linear]);
         assert_eq!(warning.worded(&words), "odd; give Linear");
         assert_eq!(Warning::from("odd".to_owned()).worded(&words), "odd");
     }

@@ -7,8 +7,8 @@ use gonio::picture::{Picture, Plane};
 use gonio::reference::{
     AbsoluteScale, ChartReading, Corners, PatchReading, ReferenceError, ReferenceLight, check_apart, disk, find_chart,
 };
-use gonio::remedy::Remedy;
-use gonio::scene::{Circle, Sighting};
+use gonio::scene::{Circle, Detection};
+use gonio::suggestion::Suggestion;
 use serde_json::{Value, json};
 
 use crate::scene::read_mask;
@@ -75,15 +75,18 @@ impl Reference {
     pub(crate) fn measure(
         self,
         (name, picture, clip): (&str, &Picture, Option<f32>),
-        sighting: &Sighting,
+        detection: &Detection,
         warnings: &mut Vec<Warning>,
     ) -> Result<MeasuredReference, Problem> {
         let (rgb, size) = (&picture.rgb, picture.rgb.size());
         let blame = |error: ReferenceError| {
-            error.remedies().into_iter().fold(Problem::of(name, &error), |problem, remedy| problem.with(remedy))
+            error
+                .suggestions()
+                .into_iter()
+                .fold(Problem::of(name, &error), |problem, suggestion| problem.with(suggestion))
         };
         let patch = |kind: &str, region: Plane<bool>, usual: f64| {
-            check_apart(&region, |x, y| sighting.contains(x, y))?;
+            check_apart(&region, |x, y| detection.contains(x, y))?;
             let read = PatchReading::of(rgb, &region, clip)?;
             let reflectance = self.reflectance.unwrap_or(usual);
             let notes = json!({
@@ -113,7 +116,7 @@ impl Reference {
                     None => find_chart(rgb, clip),
                 };
                 let read = read.map_err(blame)?;
-                check_apart(&read.region(size), |x, y| sighting.contains(x, y)).map_err(blame)?;
+                check_apart(&read.region(size), |x, y| detection.contains(x, y)).map_err(blame)?;
                 Ok(self.chart(name, &read, warnings))
             }
         }
@@ -218,6 +221,6 @@ pub(crate) fn too_bright(scale: AbsoluteScale) -> Option<Warning> {
             "the reference implies an albedo of {albedo:.2} at normal incidence, above the physical limit of 1; \
              possible causes are shadow on the reference, its orientation, and its reflectance"
         );
-        Warning::new(text, vec![Remedy::ReferenceColourOnly])
+        Warning::new(text, vec![Suggestion::ReferenceColourOnly])
     })
 }

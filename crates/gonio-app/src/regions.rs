@@ -12,10 +12,12 @@ use gonio_report::combined::{Shown, side_by_side};
 use gonio_report::regions::{Row, page, painted};
 use serde_json::{Value, json};
 
-use crate::answer::{Answer, Asked, Found, conclude, of_one, solve};
+use crate::answer::{Found, InferenceContext, InferenceResult, assemble, of_one, solve};
 use crate::results::{MATERIALS, REPORT, RESULT};
 use crate::scene::read_mask;
-use crate::{Form, Journal, Method, Photograph, Problem, Scene, Settings, Shots, Source, Warning, notes};
+use crate::{
+    Form, Method, Photograph, PhotographSource, Problem, ProgressLog, Scene, Settings, Source, Warning, notes,
+};
 
 /// Largest number of regions in a photograph.
 pub(crate) const MOST: usize = 16;
@@ -39,7 +41,7 @@ pub struct Region {
     /// Its name: the index or colour of its label, or the number of the ball.
     pub name: String,
     /// Result of the inference.
-    pub answer: Answer,
+    pub answer: InferenceResult,
     /// Albedo relative to that of the brightest region, in 0..=1; `None` under a known light, where
     /// the result has `exposure.albedo`.
     pub relative_albedo: Option<f64>,
@@ -67,7 +69,7 @@ pub(crate) struct Part {
 /// Result for a photograph of one material or of several.
 pub enum Inferred {
     /// One material.
-    One(Box<Answer>),
+    One(Box<InferenceResult>),
     /// Several materials.
     Several(Several),
 }
@@ -81,24 +83,31 @@ pub fn infer_all(
     mut scene: Scene,
     regions: Option<&Regions>,
     settings: &Settings<'_>,
-    journal: &Journal<'_>,
+    progress_log: &ProgressLog<'_>,
 ) -> Result<Inferred, Problem> {
     if let Some(regions) = regions {
-        return Ok(Inferred::Several(infer_regions(model, scene, regions, settings, journal)?));
+        return Ok(Inferred::Several(infer_regions(model, scene, regions, settings, progress_log)?));
     }
-    let (asked, mut warnings) = (Asked::of(model, settings)?, Vec::new());
+    let (asked, mut warnings) = (InferenceContext::of(model, settings)?, Vec::new());
     if may_be_several(&scene) && settings.method.search().is_none() {
-        journal.at("reading", 0.0);
+        progress_log.at("reading", 0.0);
         let photograph = scene.shots.read(&scene.reading, scene.clip, &mut warnings)?;
         // The mask is read again, with its warnings, when it is used.
         let mask = read_mask(scene.mask.clone(), photograph.picture.rgb.size(), &mut Vec::new())?;
         let several = separate_balls(&photograph.picture, mask.as_ref()).len() > 1;
-        scene.shots = Shots::Read(photograph);
+        scene.shots = PhotographSource::Read(photograph);
         if several {
-            return Ok(Inferred::Several(of_regions(&asked, scene, &Regions::Balls, settings, warnings, journal)?));
+            return Ok(Inferred::Several(of_regions(
+                &asked,
+                scene,
+                &Regions::Balls,
+                settings,
+                warnings,
+                progress_log,
+            )?));
         }
     }
-    Ok(Inferred::One(Box::new(of_one(&asked, scene, settings, warnings, journal)?)))
+    Ok(Inferred::One(Box::new(of_one(&asked, scene, settings, warnings, progress_log)?)))
 }
 
 /// Whether a scene can contain several separate balls.
@@ -110,7 +119,7 @@ impl Part {
     /// Returns the scene of this region only.
     pub(crate) fn scene(&self, whole: &Scene, photograph: &Photograph) -> Scene {
         Scene {
-            shots: Shots::Read(photograph.clone()),
+            shots: PhotographSource::Read(photograph.clone()),
             mask: Some(Source::Here(self.mask.clone())),
             // Labels separate the materials.
             keep_colours: true,
@@ -132,23 +141,23 @@ pub fn infer_regions(
     scene: Scene,
     regions: &Regions,
     settings: &Settings<'_>,
-    journal: &Journal<'_>,
+    progress_log: &ProgressLog<'_>,
 ) -> Result<Several, Problem> {
     if settings.method.search().is_some() {
         return Err(Problem::new("several materials require the method learnt or known-light"));
     }
-    of_regions(&Asked::of(model, settings)?, scene, regions, settings, Vec::new(), journal)
+    of_regions(&InferenceContext::of(model, settings)?, scene, regions, settings, Vec::new(), progress_log)
 }
 
 fn of_regions(
-    asked: &Asked<'_>,
+    asked: &InferenceContext<'_>,
     scene: Scene,
     regions: &Regions,
     settings: &Settings<'_>,
     mut warnings: Vec<Warning>,
-    journal: &Journal<'_>,
+    progress_log: &ProgressLog<'_>,
 ) -> Result<Several, Problem> {
-    journal.at("reading", 0.0);
+    progress_log.at("reading", 0.0);
     let photograph = scene.shots.clone().read(&scene.reading, scene.clip, &mut warnings)?;
     let mask = read_mask(scene.mask.clone(), photograph.picture.rgb.size(), &mut warnings)?;
     let parts = parts(&photograph.picture, mask.as_ref(), &scene, regions)?;
@@ -157,7 +166,7 @@ fn of_regions(
         let one = part.scene(&scene, &photograph);
         let mut own = Vec::new();
         let of = |problem: Problem| problem.within(&format!("region {}", part.name));
-        let seen = asked.look(one, settings, &mut own, journal).map_err(of)?;
+        let seen = asked.look(one, settings, &mut own, progress_log).map_err(of)?;
         looked.push((seen, own));
     }
     let linear = scene.reading.linear;
@@ -165,9 +174,9 @@ fn of_regions(
     let rule = looked.first().map_or(asked.rule, |(seen, _)| asked.rule_of(seen)).0;
     let together = match settings.method {
         Method::Learnt => {
-            let all: Vec<&Observations> = looked.iter().map(|(seen, _)| &seen.sighting.observations).collect();
+            let all: Vec<&Observations> = looked.iter().map(|(seen, _)| &seen.detection.observations).collect();
             let ask = settings.estimate(rule);
-            let begin = |stage: Stage| journal.at(stage.name(), 0.0);
+            let begin = |stage: Stage| progress_log.at(stage.name(), 0.0);
             let found = estimate_together(&asked.model, &all, &ask, &begin)
                 .map_err(|(at, error)| Problem::of(&scene.name, error).within(&format!("region {}", parts[at].name)))?;
             found.into_iter().map(Some).collect()
@@ -184,11 +193,11 @@ fn of_regions(
                 found.sections["relative_albedo"] = json!(relative_albedo);
                 found
             }
-            None => solve(asked, &seen, (&scene.name, linear), settings, &mut own, journal)
+            None => solve(asked, &seen, (&scene.name, linear), settings, &mut own, progress_log)
                 .map_err(|problem| problem.within(&format!("region {}", part.name)))?,
         };
         let found = found.scaled_by_reference(&seen, &mut own);
-        let answer = conclude(asked, seen, found, &scene.name, settings, own, journal);
+        let answer = assemble(asked, seen, found, &scene.name, settings, own, progress_log);
         done.push(Region { name: part.name.clone(), answer, relative_albedo });
     }
     Ok(Several::of(&scene.name, &photograph.picture, &parts, done, &warnings, settings))

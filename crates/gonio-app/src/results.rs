@@ -13,7 +13,7 @@ use gonio_report::{summary, uncertainty};
 use rayon::prelude::*;
 
 use crate::spaces::from_rec709;
-use crate::{Answer, Problem};
+use crate::{InferenceResult, Problem};
 
 /// The BRDF, in the format of the MERL database.
 pub const BRDF: &str = "brdf.binary";
@@ -85,15 +85,15 @@ impl Files {
     }
 }
 
-impl Answer {
+impl InferenceResult {
     /// Returns the available pictures of [`PICTURES`], as linear display values.
     pub fn pictures(&self) -> Vec<(&'static str, Plane<Vec3>)> {
         let subject = self.subject();
         let mut pictures = Vec::new();
         if let Some(panels) = &self.panels {
             pictures.extend(panels.spheres.first().map(|(_, sphere)| (PICTURES[0], sphere.clone())));
-            if let (Some(used), Some(fates)) = (&panels.used, &self.seen.sighting.observations.fates) {
-                pictures.push((PICTURES[1], with_legend(used, fates)));
+            if let (Some(used), Some(statuses)) = (&panels.used, &self.seen.detection.observations.statuses) {
+                pictures.push((PICTURES[1], with_legend(used, statuses)));
             }
             pictures.push((PICTURES[2], summary::compose(&subject, panels, &self.caption)));
             pictures.extend(self.material.as_ref().map(|material| (PICTURES[3], uncertainty::draw(material))));

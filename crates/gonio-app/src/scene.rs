@@ -1,7 +1,7 @@
 //! Reads a photograph, detects its object and samples the image on it.
 
 use gonio::picture::{Picture, Plane};
-use gonio::scene::{Object, ObservationSettings, Oddity, SceneError, Sighting};
+use gonio::scene::{Detection, Object, ObservationSettings, SceneError, SceneWarning};
 use gonio::shape::Visibility;
 use gonio::sphere::OctahedralMap;
 use gonio_io::picture::InputSpace;
@@ -9,7 +9,8 @@ use serde_json::{Value, json};
 
 use crate::mask::{alike, resampled};
 use crate::{
-    Journal, MeasuredReference, Photograph, Problem, Reading, Reference, Shape, Shots, Source, Warning, notes,
+    MeasuredReference, Photograph, PhotographSource, Problem, ProgressLog, Reading, Reference, Shape, Source, Warning,
+    notes,
 };
 
 /// A photograph and the known properties of its object.
@@ -18,7 +19,7 @@ pub struct Scene {
     /// Name of the photograph in messages.
     pub name: String,
     /// Source of the photograph.
-    pub shots: Shots,
+    pub shots: PhotographSource,
     /// Options for reading its files.
     pub reading: Reading,
     /// Radiance at which the camera clips; detected if `None`.
@@ -36,11 +37,11 @@ pub struct Scene {
 }
 
 /// A scene with its detected object.
-pub struct Seen {
+pub struct ObservedScene {
     /// The photograph.
     pub picture: Picture,
     /// The object and the observations on it.
-    pub sighting: Sighting,
+    pub detection: Detection,
     /// The section `observations` of the result.
     pub notes: Value,
     /// The section `bracket` of the result.
@@ -73,14 +74,14 @@ impl Scene {
     ///
     /// # Errors
     /// If a file cannot be read, or mask and photograph do not match.
-    pub(crate) fn open(self, warnings: &mut Vec<Warning>, journal: &Journal<'_>) -> Result<Opened, Problem> {
-        journal.at("reading", 0.0);
+    pub(crate) fn open(self, warnings: &mut Vec<Warning>, progress_log: &ProgressLog<'_>) -> Result<Opened, Problem> {
+        progress_log.at("reading", 0.0);
         let Photograph { picture, clip, notes: bracket, space } =
             self.shots.read(&self.reading, self.clip, warnings)?;
         let size = picture.rgb.size();
         let names = Names::of(&self.name, self.mask.as_ref(), &self.shape);
         let mask = read_mask(self.mask, size, warnings)?;
-        journal.at("reading", 0.5);
+        progress_log.at("reading", 0.5);
         let (object, own_notes) = self.shape.object(&self.name, size, warnings)?;
         Ok(Opened { picture, clip, bracket, space, mask, object, own_notes, names })
     }
@@ -97,28 +98,29 @@ impl Scene {
         known: &ObservationSettings,
         shadows: Option<(OctahedralMap, usize)>,
         warnings: &mut Vec<Warning>,
-        journal: &Journal<'_>,
-    ) -> Result<Seen, Problem> {
+        progress_log: &ProgressLog<'_>,
+    ) -> Result<ObservedScene, Problem> {
         let (keep_colours, force, reference) = (self.keep_colours, self.force, self.reference.clone());
-        let Opened { picture, clip, bracket, space, mask, object, own_notes, names } = self.open(warnings, journal)?;
+        let Opened { picture, clip, bracket, space, mask, object, own_notes, names } =
+            self.open(warnings, progress_log)?;
         let settings = ObservationSettings { clip, keep_colours, force, ..*known };
-        let mut sighting = Sighting::of(&picture, mask, object, &settings).map_err(|error| names.blame(&error))?;
-        warnings.extend(sighting.oddities.iter().map(|odd| names.warn(odd)));
-        if let Some(grid) = shadows.filter(|_| sighting.placed.is_some()) {
-            journal.at("shadows", 0.0);
-            sighting.shadow(grid, &|x| journal.at("shadows", x)).map_err(|error| names.blame(&error))?;
+        let mut detection = Detection::of(&picture, mask, object, &settings).map_err(|error| names.blame(&error))?;
+        warnings.extend(detection.scene_warnings.iter().map(|odd| names.warn(odd)));
+        if let Some(grid) = shadows.filter(|_| detection.placed.is_some()) {
+            progress_log.at("shadows", 0.0);
+            detection.shadow(grid, &|x| progress_log.at("shadows", x)).map_err(|error| names.blame(&error))?;
         }
         let given = (names.image.as_str(), &picture, clip);
-        let reference = reference.map(|reference| reference.measure(given, &sighting, warnings)).transpose()?;
-        let mut notes = notes::sighting(&sighting);
-        if sighting.placed.is_some() && shadows.is_some() {
-            let visibility = sighting.observations.visibility.as_ref();
+        let reference = reference.map(|reference| reference.measure(given, &detection, warnings)).transpose()?;
+        let mut notes = notes::detection(&detection);
+        if detection.placed.is_some() && shadows.is_some() {
+            let visibility = detection.observations.visibility.as_ref();
             notes["visibility"] = json!({ "hidden": visibility.is_some(), "bytes": visibility.map(Visibility::bytes) });
         }
         if let Some(shape) = notes.get_mut("shape") {
             notes::extend(shape, own_notes);
         }
-        Ok(Seen { picture, sighting, notes, bracket, space, reference, force })
+        Ok(ObservedScene { picture, detection, notes, bracket, space, reference, force })
     }
 }
 
@@ -191,24 +193,24 @@ impl Names {
             // An error in the outline concerns the input from which it was detected.
             error if error.is_of_outline() => self.mask.as_ref().unwrap_or(&self.image),
             SceneError::Contradiction(_) => self.shape.as_ref().unwrap_or(&self.image),
-            SceneError::Relief(_) => self.places.as_ref().unwrap_or(&self.image),
+            SceneError::PositionMap(_) => self.places.as_ref().unwrap_or(&self.image),
             _ => &self.whole,
         }
     }
 
-    fn warn(&self, odd: &Oddity) -> Warning {
+    fn warn(&self, odd: &SceneWarning) -> Warning {
         let text = match odd {
-            Oddity::Depth(_) => odd.to_string(),
-            Oddity::Clipped { .. }
-            | Oddity::Faulty { .. }
-            | Oddity::Outliers { .. }
-            | Oddity::Isolated { .. }
-            | Oddity::OtherColour { .. } => {
+            SceneWarning::Depth(_) => odd.to_string(),
+            SceneWarning::Clipped { .. }
+            | SceneWarning::Faulty { .. }
+            | SceneWarning::Outliers { .. }
+            | SceneWarning::Isolated { .. }
+            | SceneWarning::OtherColour { .. } => {
                 format!("{}: {odd}", self.image)
             }
-            Oddity::Contradiction(_) => format!("{}: {odd}", self.shape.as_ref().unwrap_or(&self.image)),
-            Oddity::Misplaced { .. } | Oddity::Inside { .. } => format!("{}: {odd}", self.whole),
+            SceneWarning::Contradiction(_) => format!("{}: {odd}", self.shape.as_ref().unwrap_or(&self.image)),
+            SceneWarning::Misplaced { .. } | SceneWarning::Inside { .. } => format!("{}: {odd}", self.whole),
         };
-        Warning::new(text, odd.remedies())
+        Warning::new(text, odd.suggestions())
     }
 }

@@ -5,8 +5,8 @@ use gonio::estimate::{Alignment, ColouringRule, EstimateSettings};
 use gonio::inference::Solver;
 use gonio::lighting::EnvironmentMap;
 use gonio::model::Model;
-use gonio::remedy::Remedy;
 use gonio::sphere::OctahedralMap;
+use gonio::suggestion::Suggestion;
 
 use crate::{Problem, Source, Spaces, Words};
 
@@ -40,7 +40,7 @@ pub enum Method {
     /// Separable posterior of light and reflectance: Algorithm 1 of the paper.
     Variational(Search),
     /// Joint MAP estimate of light and reflectance.
-    JointMaximum(Search),
+    JointMap(Search),
     /// Basis coefficients under a known light, as in the paper.
     KnownLightBasis(Search, Source<EnvironmentMap>),
 }
@@ -77,7 +77,7 @@ impl Method {
         match self {
             Self::Learnt => "learnt",
             Self::Variational(_) => "variational",
-            Self::JointMaximum(_) => "map",
+            Self::JointMap(_) => "map",
             Self::KnownLight(_) => "known-light",
             Self::KnownLightBasis(..) => "known-light-basis",
         }
@@ -87,7 +87,7 @@ impl Method {
     pub(crate) fn search(&self) -> Option<&Search> {
         match self {
             Self::Learnt | Self::KnownLight(_) => None,
-            Self::Variational(search) | Self::JointMaximum(search) | Self::KnownLightBasis(search, _) => Some(search),
+            Self::Variational(search) | Self::JointMap(search) | Self::KnownLightBasis(search, _) => Some(search),
         }
     }
 
@@ -163,7 +163,7 @@ impl Settings<'_> {
             )));
         }
         if self.method.is_learnt() && model.learnt.is_none() {
-            return Err(Problem::of(name, "has no posterior of materials").with(Remedy::LearnPosterior));
+            return Err(Problem::of(name, "has no posterior of materials").with(Suggestion::LearnPosterior));
         }
         Ok(())
     }

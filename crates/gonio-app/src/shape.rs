@@ -4,9 +4,9 @@ use std::path::{Path, PathBuf};
 
 use glam::{DVec3, Vec3};
 use gonio::picture::Plane;
-use gonio::remedy::Remedy;
-use gonio::scene::{Circle, Correction, NormalPicture, Object, Relief};
-use gonio::shape::{Camera, DepthKind, Mesh, MeshParts, Placed, PlacedError, Projection, positions_of_depth};
+use gonio::scene::{Circle, Correction, NormalPicture, Object, PositionMap};
+use gonio::shape::{Camera, DepthKind, Mesh, MeshParts, PoseError, PosedSurface, Projection, positions_of_depth};
+use gonio::suggestion::Suggestion;
 use gonio_io::camera::{decode_camera, decode_pose, read_camera, read_pose};
 use gonio_io::geometry::{DepthOptions, read_depth, read_positions};
 use serde_json::{Value, json};
@@ -150,7 +150,7 @@ impl Shape {
     ///
     /// # Errors
     /// If [`Self::object`] fails, or the form is neither a mesh nor an orthographic sphere.
-    pub fn surface(self, size: (usize, usize), warnings: &mut Vec<Warning>) -> Result<Option<Placed>, Problem> {
+    pub fn surface(self, size: (usize, usize), warnings: &mut Vec<Warning>) -> Result<Option<PosedSurface>, Problem> {
         match self.object("the picture", size, warnings)?.0 {
             Object::Surface(placed) => Ok(Some(placed)),
             Object::Sphere(None) => Ok(None),
@@ -187,7 +187,13 @@ impl Places {
     }
 
     /// Reads the map. `name` and `image` are the names of map and photograph in messages.
-    fn read(self, name: &str, image: &str, camera: Option<Camera>, size: (usize, usize)) -> Result<Relief, Problem> {
+    fn read(
+        self,
+        name: &str,
+        image: &str,
+        camera: Option<Camera>,
+        size: (usize, usize),
+    ) -> Result<PositionMap, Problem> {
         let (places, camera) = match self {
             Self::Depth(depth, range, kind) => {
                 let depth = match depth {
@@ -202,7 +208,7 @@ impl Places {
             }
             Self::Positions(positions) => {
                 let Some(camera) = camera else {
-                    return Err(Problem::of(name, "a position map requires a camera").with(Remedy::Camera));
+                    return Err(Problem::of(name, "a position map requires a camera").with(Suggestion::Camera));
                 };
                 let places = match positions {
                     Source::Here(places) => places,
@@ -217,7 +223,7 @@ impl Places {
                 "{name} is {w}x{h} pixels, but {image} is {pw}x{ph}; use images of the same size"
             )));
         }
-        Ok(Relief { places, camera })
+        Ok(PositionMap { places, camera })
     }
 }
 
@@ -228,7 +234,7 @@ fn place(
     camera: Option<Camera>,
     size: (usize, usize),
     warnings: &mut Vec<Warning>,
-) -> Result<(Placed, Value), Problem> {
+) -> Result<(PosedSurface, Value), Problem> {
     let name = source.name("the mesh");
     let (mesh, soundness) = match source {
         Source::Here(parts) => Mesh::new(parts).map_err(|error| Problem::of(&name, error))?,
@@ -248,11 +254,11 @@ fn place(
         }
     };
     let default_camera = camera.is_none();
-    let placed = Placed::of_mesh(&mesh, camera, size).map_err(|error| {
+    let placed = PosedSurface::of_mesh(&mesh, camera, size).map_err(|error| {
         let problem = Problem::of(&name, &error);
         match error {
-            PlacedError::Unseen if default_camera => problem.with(Remedy::Pose).with(Remedy::Camera),
-            PlacedError::Unseen => problem.with(Remedy::Pose),
+            PoseError::Unseen if default_camera => problem.with(Suggestion::Pose).with(Suggestion::Camera),
+            PoseError::Unseen => problem.with(Suggestion::Pose),
             _ => problem,
         }
     })?;

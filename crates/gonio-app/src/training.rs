@@ -156,8 +156,8 @@ pub struct PosteriorSettings {
     pub draws: usize,
     /// Number of training steps, each on 128 simulated photographs.
     pub steps: usize,
-    /// Every how many lights one is left out of the training and tested with; `None` leaves none
-    /// out.
+    /// Interval `n` of the lights that are left out: every n-th light is only tested with. `None`
+    /// trains on all lights.
     pub leave_out: Option<usize>,
     /// Seed of all random numbers.
     pub seed: u64,
@@ -237,7 +237,7 @@ pub fn reflectance(
     Ok((basis, report, provenance))
 }
 
-/// Unfinished training of a posterior: what to continue from, and what to do with a checkpoint.
+/// Checkpoint to resume from, and the callback that stores new checkpoints.
 pub struct Resumption<'a> {
     /// Checkpoint to continue from: the file's bytes, and its path for messages.
     pub start: Option<(&'a Path, Vec<u8>)>,

@@ -7,7 +7,7 @@ use gonio::estimate::{Alignment, ColouringRule, Material, estimate_under};
 use gonio::lighting::EnvironmentMap;
 use gonio::model::Model;
 use gonio::picture::{Picture, Plane};
-use gonio::scene::{Fate, NormalPicture, Object, ObservationSettings, Oddity, Sighting};
+use gonio::scene::{Detection, NormalPicture, Object, ObservationSettings, PixelStatus, SceneWarning};
 use gonio_io::picture::{ReadOptions, read};
 
 /// Largest relative change of the end of an interval.
@@ -23,8 +23,8 @@ fn sample() -> Picture {
 
 /// Returns a normal map of the ball.
 fn normals(picture: &Picture) -> Plane<Vec3> {
-    let sighting = Sighting::of(picture, None, Object::Sphere(None), &ObservationSettings::default()).unwrap();
-    let circle = sighting.circle().unwrap();
+    let detection = Detection::of(picture, None, Object::Sphere(None), &ObservationSettings::default()).unwrap();
+    let circle = detection.circle().unwrap();
     Plane::from_fn(picture.rgb.width(), picture.rgb.height(), |x, y| {
         let (nx, ny) = ((x as f64 + 0.5 - circle.x) / circle.radius, (circle.y - y as f64 - 0.5) / circle.radius);
         let square = 1.0 - nx * nx - ny * ny;
@@ -33,16 +33,16 @@ fn normals(picture: &Picture) -> Plane<Vec3> {
 }
 
 /// Returns the ends of the intervals of gloss, GGX width and some cells of the BRDF.
-fn ends(model: &Model, sighting: &Sighting) -> Vec<f64> {
-    let material = Material::of(model, &sighting.observations, 8).unwrap();
+fn ends(model: &Model, detection: &Detection) -> Vec<f64> {
+    let material = Material::of(model, &detection.observations, 8).unwrap();
     let cells = [(0, 0), (0, 60), (5, 10), (12, 30), (30, 0), (45, 45), (70, 20)].map(|(h, d)| 90 * h + d);
     let quantiles = cells.iter().flat_map(|cell| [0, 3].map(|q| f64::from(material.quantiles[q][*cell])));
     let ([low, _, high], [sharp, _, dull]) = (material.gloss, material.highlight.alpha);
     [low, high, sharp, dull].into_iter().chain(quantiles).collect()
 }
 
-fn sphere(picture: &Picture) -> Sighting {
-    Sighting::of(picture, None, Object::Sphere(None), &ObservationSettings::default()).unwrap()
+fn sphere(picture: &Picture) -> Detection {
+    Detection::of(picture, None, Object::Sphere(None), &ObservationSettings::default()).unwrap()
 }
 
 /// Asserts that no end differs from that in `clean` by more than [`TOLERANCE`].
@@ -61,7 +61,7 @@ fn detects_hot_and_dead_pixels() {
         bad.rgb[at] = Vec3::splat(value);
         let observations = sphere(&bad).observations;
         assert_eq!(observations.report.outliers, 1, "{at:?} {value}");
-        assert_eq!(observations.fates.unwrap()[at], Fate::Outlier);
+        assert_eq!(observations.statuses.unwrap()[at], PixelStatus::Outlier);
     }
 }
 
@@ -71,11 +71,11 @@ fn warns_about_many_outliers() {
     for i in 0..100 {
         picture.rgb[(60 + 13 * (i % 10), 60 + 13 * (i / 10))] = Vec3::splat(3.0 + i as f32);
     }
-    let sighting = sphere(&picture);
-    let found = sighting.observations.report.outliers;
+    let detection = sphere(&picture);
+    let found = detection.observations.report.outliers;
     assert!((95..=100).contains(&found), "{found}");
-    let warned = |odd: &Oddity| matches!(odd, Oddity::Outliers { outliers, .. } if *outliers == found);
-    assert!(sighting.oddities.iter().any(warned), "{:?}", sighting.oddities);
+    let warned = |odd: &SceneWarning| matches!(odd, SceneWarning::Outliers { outliers, .. } if *outliers == found);
+    assert!(detection.scene_warnings.iter().any(warned), "{:?}", detection.scene_warnings);
 }
 
 #[test]
@@ -97,19 +97,19 @@ fn one_wrong_pixel_changes_no_interval_of_an_object_with_normals() {
     let normals = normals(&picture);
     let seen = |picture: &Picture| {
         let view = NormalPicture { normals: normals.clone(), camera: None, relief: None, trusted: true };
-        Sighting::of(picture, None, Object::Normals(Box::new(view)), &ObservationSettings::default()).unwrap()
+        Detection::of(picture, None, Object::Normals(Box::new(view)), &ObservationSettings::default()).unwrap()
     };
     let clean_weights = seen(&picture).observations.weights;
     let clean = ends(&model, &seen(&picture));
     for (at, value) in [((128, 128), 5.0), ((78, 51), 0.0)] {
         let mut bad = picture.clone();
         bad.rgb[at] = Vec3::splat(value);
-        let sighting = seen(&bad);
-        assert_eq!(sighting.observations.report.outliers, 1);
+        let detection = seen(&bad);
+        assert_eq!(detection.observations.report.outliers, 1);
         // The outlier does not change the estimated noise, and therefore not the other weights.
-        let weights = sighting.observations.weights.iter().zip(&clean_weights);
+        let weights = detection.observations.weights.iter().zip(&clean_weights);
         assert!(weights.clone().all(|(is, was)| (is - was).abs() < 0.01));
-        assert_same(&clean, &ends(&model, &sighting), &format!("{value} at {at:?}"));
+        assert_same(&clean, &ends(&model, &detection), &format!("{value} at {at:?}"));
     }
 }
 

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
-use gonio_app::{Checked, Journal, MeasuredReference, Unchecked, check};
+use gonio_app::{Checked, MeasuredReference, ProgressLog, Unchecked, check};
 use gonio_io::atomic::write_file;
 use gonio_io::picture::{encode_png_signed, is_signed};
 use serde_json::{Value, json};
@@ -11,8 +11,8 @@ use serde_json::{Value, json};
 use crate::input;
 use crate::outcome::Outcome;
 use crate::progress::Stages;
-use crate::remedy::{self, plain};
 use crate::scene::SceneOptions;
+use crate::suggestion::{self, plain};
 
 /// Signature in written images, which marks them as replaceable.
 const SIGNATURE: &str = "gonio check";
@@ -72,8 +72,8 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     let name = scene.name.clone();
     let line = Stages::new("reading");
     let listener = |stage, fraction| line.at(stage, fraction);
-    let journal = Journal::new("reading", &listener);
-    let checked = match check(scene, regions, &journal) {
+    let progress_log = ProgressLog::new("reading", &listener);
+    let checked = match check(scene, regions, &progress_log) {
         Ok(checked) => checked,
         Err(Unchecked { problem, candidates: None }) => return Err(plain(problem)),
         Err(Unchecked { problem, candidates: Some(picture) }) => {
@@ -81,7 +81,7 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
             bail!("{}; see {}", plain(problem), output.display());
         }
     };
-    journal.at("drawing", 0.0);
+    progress_log.at("drawing", 0.0);
     write_file(&output, &encode_png_signed(&checked.draw(), SIGNATURE))?;
     line.finish();
     let output = output.display().to_string();
@@ -89,7 +89,7 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     let mut fields = checked.notes();
     fields["output"] = json!(output);
     fields["image"] = json!(name);
-    Ok(Outcome::new(text, fields).warning(remedy::worded(&checked.warnings)))
+    Ok(Outcome::new(text, fields).warning(suggestion::worded(&checked.warnings)))
 }
 
 /// Describes the reference in a photograph in one line.
@@ -113,7 +113,7 @@ fn describe(checked: &Checked, name: &str) -> String {
     let reference = checked.objects.first().and_then(|object| object.seen.reference.as_ref());
     lines += &reference.map(describe_reference).unwrap_or_default();
     for object in &checked.objects {
-        let report = &object.seen.sighting.observations.report;
+        let report = &object.seen.detection.observations.report;
         let of = object.name.as_ref().map(|name| format!("region {name}: ")).unwrap_or_default();
         lines += &format!(
             "{of}{}, {:.1} % of the image\n{of}{} usable pixels; {} clipped, {} faulty (negative, NaN or infinite), {} outliers\n",

@@ -4,13 +4,13 @@ use std::path::PathBuf;
 
 use anyhow::Result;
 use gonio_app::folder::for_results;
-use gonio_app::{Journal, combine};
+use gonio_app::{ProgressLog, combine};
 use serde_json::json;
 
 use crate::input;
 use crate::outcome::{Outcome, sharpness};
 use crate::progress::Stages;
-use crate::remedy::plain;
+use crate::suggestion::plain;
 
 /// Options of `gonio combine`.
 #[derive(clap::Args)]
@@ -29,12 +29,12 @@ pub(crate) struct Options {
 pub(crate) fn run(options: &Options) -> Result<Outcome> {
     let line = Stages::new("reading");
     let listener = |stage, fraction| line.at(stage, fraction);
-    let journal = Journal::new("reading", &listener);
+    let progress_log = ProgressLog::new("reading", &listener);
     let given = combine::read_posteriors(&options.folders).map_err(plain)?;
     let (model, name) = input::model(options.model.as_deref())?;
     let folder = for_results(&options.output)?;
-    let answer = combine::combine((&model, &name), &given, &journal).map_err(plain)?;
-    journal.at("writing", 0.0);
+    let answer = combine::combine((&model, &name), &given, &progress_log).map_err(plain)?;
+    progress_log.at("writing", 0.0);
     folder.fill(&answer.files().map_err(plain)?.encode())?;
     line.finish();
     let output = options.output.display().to_string();

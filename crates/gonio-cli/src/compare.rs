@@ -12,7 +12,7 @@ use serde_json::json;
 use crate::batch;
 use crate::outcome::Outcome;
 use crate::progress::Stage;
-use crate::remedy::plain;
+use crate::suggestion::plain;
 
 /// Largest number of pairs whose agreement is printed.
 const SAID: usize = 10;

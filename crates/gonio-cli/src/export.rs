@@ -14,8 +14,8 @@ use serde_json::{Value, json};
 use crate::input;
 use crate::outcome::Outcome;
 use crate::progress::Stage;
-use crate::remedy::{plain, words};
 use crate::space::OutputSpace;
+use crate::suggestion::{plain, words};
 
 /// Options of `gonio export`.
 #[derive(clap::Args)]

@@ -8,16 +8,16 @@ use clap::ValueEnum;
 use gonio::inference::Solver;
 use gonio_app::folder::{beside, for_results, holds_results, would_replace};
 use gonio_app::regions::{Inferred, Several, infer_all};
-use gonio_app::{Alignment, Colours, Journal, KnownLight, Method, Search, Settings, Source, Spaces};
+use gonio_app::{Alignment, Colours, KnownLight, Method, ProgressLog, Search, Settings, Source, Spaces};
 use gonio_io::atomic::StagedFolder;
 use serde_json::{Value, json};
 
 use crate::input;
 use crate::outcome::{Outcome, sharpness};
 use crate::progress::Stages;
-use crate::remedy::{self, plain};
 use crate::scene::SceneOptions;
 use crate::space::OutputSpace;
+use crate::suggestion::{self, plain};
 
 /// Options of `gonio infer`.
 #[derive(clap::Args)]
@@ -32,8 +32,8 @@ pub(crate) struct Options {
     /// (docs/known-light.md).
     #[arg(long, value_name = "MAP", help_heading = LIGHT)]
     light: Option<PathBuf>,
-    /// Rotations of the light map that gonio tries to fit the photograph [default: near; without
-    /// HOW: around]
+    /// Range of rotations of the light map to search for the best fit [default: near; without HOW:
+    /// around]
     #[arg(long, value_enum, value_name = "HOW", requires = "light", num_args = 0..=1, default_missing_value = "around",
           help_heading = LIGHT)]
     align_light: Option<AlignmentName>,
@@ -64,8 +64,8 @@ pub(crate) struct Options {
     grid: Option<usize>,
     /// Reproduce the paper's setup for a sphere
     ///
-    /// gonio then uses the paper's octahedral light map at one azimuth, 8,600 normals away from the
-    /// map's poles, 10 basis functions, random starts, and Algorithm 1 as printed.
+    /// gonio then uses the paper's octahedral light map at one azimuth, 8,600 normals (none near
+    /// the poles of the map), 10 basis functions, random starts, and Algorithm 1 as printed.
     #[arg(long, help_heading = METHOD, conflicts_with_all = [
         "method", "solver", "grid", "model", "light", "normals", "mesh", "materials", "full_rows",
     ])]
@@ -228,7 +228,7 @@ impl Options {
             }
             (MethodName::Learnt, None) => Method::Learnt,
             (MethodName::Variational, None) => Method::Variational(search),
-            (MethodName::Map, None) => Method::JointMaximum(search),
+            (MethodName::Map, None) => Method::JointMap(search),
         };
         self.refuse_unused(name)?;
         Ok(method)
@@ -306,36 +306,36 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
         pictures: true,
         report: !options.no_report,
         spaces: Spaces { input: options.scene.reading.colour_space(), output: options.space.space() },
-        words: &remedy::words,
+        words: &suggestion::words,
     };
     let line = Stages::new("model");
     let listener = |stage, fraction| line.at(stage, fraction);
-    let journal = Journal::new("model", &listener);
+    let progress_log = ProgressLog::new("model", &listener);
     let (model, name) = input::model(options.model.as_deref())?;
     // Created before the estimation, so that an error in the folder is reported at once.
     let output = options.folder()?;
     let folder = for_results(&output)?;
     let (scene, regions) = (options.scene.scene()?, options.scene.regions());
-    let inferred = infer_all((&model, &name), scene, regions.as_ref(), &settings, &journal).map_err(plain)?;
+    let inferred = infer_all((&model, &name), scene, regions.as_ref(), &settings, &progress_log).map_err(plain)?;
     let answer = match inferred {
         Inferred::One(answer) => answer,
         Inferred::Several(several) => {
-            let outcome = write_regions(&several, folder, &journal, start);
+            let outcome = write_regions(&several, folder, &progress_log, start);
             line.finish();
             return outcome;
         }
     };
-    journal.at("writing", 0.0);
+    progress_log.at("writing", 0.0);
     folder.fill(&answer.files().map_err(plain)?.encode())?;
     line.finish();
     let output = output.display().to_string();
     let page = if options.no_report { "result.json" } else { "report.html" };
     let mut text = format!(
         "{output}: BRDF, light, pictures and {page} from {} pixels in {:.1} s",
-        answer.seen.sighting.observations.report.used_pixels,
+        answer.seen.detection.observations.report.used_pixels,
         start.elapsed().as_secs_f64()
     );
-    if let Some(sureness) = answer.seen.sighting.sureness {
+    if let Some(sureness) = answer.seen.detection.sureness {
         text += &format!("\nball {sureness}");
     }
     if let Some(material) = &answer.material {
@@ -367,8 +367,13 @@ fn albedo_by_reference(reference: &Value) -> String {
 }
 
 /// Writes the results of several regions.
-fn write_regions(several: &Several, folder: StagedFolder, journal: &Journal<'_>, start: Instant) -> Result<Outcome> {
-    journal.at("writing", 0.0);
+fn write_regions(
+    several: &Several,
+    folder: StagedFolder,
+    progress_log: &ProgressLog<'_>,
+    start: Instant,
+) -> Result<Outcome> {
+    progress_log.at("writing", 0.0);
     let output = folder.target().display().to_string();
     folder.fill(&several.files().map_err(plain)?)?;
     let names: Vec<&str> = several.regions.iter().map(|region| region.name.as_str()).collect();

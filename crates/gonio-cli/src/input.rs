@@ -9,12 +9,12 @@ use anyhow::{Result, bail};
 use gonio::lighting::EnvironmentMap;
 use gonio::model::Model;
 use gonio::reflectance::MerlTable;
-use gonio_app::Shots;
+use gonio_app::PhotographSource;
 use gonio_app::results::BRDF;
 use gonio_io::colour_space::ColourSpace;
 use gonio_io::picture::ReadOptions;
 
-use crate::remedy::plain;
+use crate::suggestion::plain;
 
 /// Reads a lat-long light map; `space` is the colour space of files that state none.
 pub(crate) fn light(path: &Path, space: Option<ColourSpace>) -> Result<EnvironmentMap> {
@@ -42,9 +42,9 @@ pub(crate) fn name(files: &[PathBuf]) -> String {
 }
 
 /// Opens a photograph from files or from standard input.
-pub(crate) fn shots(files: &[PathBuf]) -> Result<Shots> {
+pub(crate) fn shots(files: &[PathBuf]) -> Result<PhotographSource> {
     if !files.iter().any(|file| is_stdin(file)) {
-        return Ok(Shots::Files(files.to_vec()));
+        return Ok(PhotographSource::Files(files.to_vec()));
     }
     if files.len() > 1 {
         bail!("standard input (-) holds one image; pass exposures as files");
@@ -54,7 +54,7 @@ pub(crate) fn shots(files: &[PathBuf]) -> Result<Shots> {
         bail!("standard input (-) is a terminal; pipe an image into it");
     }
     let bytes = gonio_io::picture::read_stream(Path::new(STDIN_NAME), stdin.lock(), &ReadOptions::default())?;
-    Ok(Shots::Bytes(STDIN_NAME.to_owned(), bytes))
+    Ok(PhotographSource::Bytes(STDIN_NAME.to_owned(), bytes))
 }
 
 /// Reads a BRDF.

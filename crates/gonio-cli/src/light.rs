@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use anyhow::{Result, bail};
 use gonio::scene::Circle;
-use gonio_app::{Form, Journal, Mirror, Reading, Scene, Shape, Source, light_probe};
+use gonio_app::{Form, Mirror, ProgressLog, Reading, Scene, Shape, Source, light_probe};
 use serde_json::json;
 
 use crate::input;
@@ -12,9 +12,9 @@ use crate::merge::write_all;
 use crate::outcome::Outcome;
 use crate::progress::Stages;
 use crate::reading::ReadingOptions;
-use crate::remedy::{self, plain};
 use crate::scene::parse_circle;
 use crate::space::OutputSpace;
+use crate::suggestion::{self, plain};
 
 /// Options of `gonio light`.
 #[derive(clap::Args)]
@@ -131,7 +131,7 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     }
     let line = Stages::new("reading");
     let listener = |stage, fraction| line.at(stage, fraction);
-    let probe = light_probe(options.mirror()?, &Journal::new("reading", &listener)).map_err(plain)?;
+    let probe = light_probe(options.mirror()?, &ProgressLog::new("reading", &listener)).map_err(plain)?;
     line.finish();
     let (map, picture) = probe.encode(options.space.space());
     let drawn = output.with_extension("light.png");
@@ -161,7 +161,7 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
         drawn.display(),
     );
     let fields = json!({ "output": output.display().to_string(), "picture": drawn.display().to_string() });
-    let mut outcome = Outcome::new(text, fields).warning(remedy::worded(&probe.warnings));
+    let mut outcome = Outcome::new(text, fields).warning(suggestion::worded(&probe.warnings));
     if let serde_json::Value::Object(notes) = probe.notes {
         outcome.fields.extend(notes);
     }

@@ -18,10 +18,10 @@ mod merge;
 mod outcome;
 mod progress;
 mod reading;
-mod remedy;
 mod render;
 mod scene;
 mod space;
+mod suggestion;
 mod surface;
 mod train;
 
@@ -31,7 +31,7 @@ use std::sync::Mutex;
 
 use clap::{Parser, Subcommand};
 
-use progress::{Talk, set_talk};
+use progress::{Verbosity, set_talk};
 
 /// Estimate the BRDF of an object of known shape from one photograph under unknown light.
 #[derive(Parser)]
@@ -120,9 +120,9 @@ fn main() -> ExitCode {
     let json = general.json;
     set_talk(match general {
         // `--quiet` does not suppress the completion script: it is the requested output.
-        General { quiet: true, .. } if !matches!(command, Command::Completions(_)) => Talk::Quiet,
-        General { verbose: true, .. } => Talk::Verbose,
-        _ => Talk::Usual,
+        General { quiet: true, .. } if !matches!(command, Command::Completions(_)) => Verbosity::Quiet,
+        General { verbose: true, .. } => Verbosity::Verbose,
+        _ => Verbosity::Usual,
     });
     if let Some(threads) = general.threads {
         // This fails only if a global thread pool exists already, which is not the case.

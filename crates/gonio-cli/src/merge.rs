@@ -15,7 +15,7 @@ use serde_json::json;
 
 use crate::outcome::Outcome;
 use crate::reading::ReadingOptions;
-use crate::remedy::{self, plain};
+use crate::suggestion::{self, plain};
 use gonio_report::canvas::{LINE, fill, legend, place, sheet, text};
 
 /// Options of `gonio merge`.
@@ -78,7 +78,7 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
             "input": bracket.space.name, "source": bracket.space.source.words(), "output": ColourSpace::Rec709.name(),
         },
     });
-    Ok(Outcome::new(text, fields).warning(remedy::worded(&warnings)))
+    Ok(Outcome::new(text, fields).warning(suggestion::worded(&warnings)))
 }
 
 /// Writes all files. If one cannot be written, removes the files that this call created.

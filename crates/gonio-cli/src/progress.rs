@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
-/// Steps of a bar. The bar never shows the last one before the stage ends.
+/// Number of steps of a bar. A running stage fills at most 99 % of them.
 const STEPS: u64 = 1000;
 
 /// Time after which the line appears; shorter stages show no line.
@@ -22,7 +22,7 @@ const WITH_BAR: &str = "{spinner} {msg} {elapsed} [{bar:30}] {percent:>2} %";
 
 /// Amount of output besides the result.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum Talk {
+pub(crate) enum Verbosity {
     /// Errors only.
     Quiet,
     /// Warnings and progress as well.
@@ -31,24 +31,24 @@ pub(crate) enum Talk {
     Verbose,
 }
 
-static TALK: OnceLock<Talk> = OnceLock::new();
+static TALK: OnceLock<Verbosity> = OnceLock::new();
 
 /// Sets the amount of output, once.
-pub(crate) fn set_talk(talk: Talk) {
+pub(crate) fn set_talk(talk: Verbosity) {
     // The first call takes effect.
     let _ = TALK.set(talk);
 }
 
-fn talk() -> Talk {
-    TALK.get().copied().unwrap_or(Talk::Usual)
+fn talk() -> Verbosity {
+    TALK.get().copied().unwrap_or(Verbosity::Usual)
 }
 
 pub(crate) fn is_quiet() -> bool {
-    talk() == Talk::Quiet
+    talk() == Verbosity::Quiet
 }
 
 pub(crate) fn is_verbose() -> bool {
-    talk() == Talk::Verbose
+    talk() == Verbosity::Verbose
 }
 
 /// Whether several inferences run at a time, whose progress lines would overwrite each other.

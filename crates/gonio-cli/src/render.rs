@@ -14,8 +14,8 @@ use serde_json::json;
 use crate::input;
 use crate::outcome::Outcome;
 use crate::progress::Stage;
-use crate::remedy::{self, plain};
 use crate::space::SpaceName;
+use crate::suggestion::{self, plain};
 use crate::surface::SurfaceOptions;
 
 /// Options of `gonio render`.
@@ -107,5 +107,5 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     write_file(&options.output, &bytes)?;
     let output = options.output.display().to_string();
     Ok(Outcome::new(output.clone(), json!({ "output": output, "width": size.0, "height": size.1 }))
-        .warning(remedy::worded(&warnings)))
+        .warning(suggestion::worded(&warnings)))
 }

@@ -53,7 +53,7 @@ pub(crate) struct Options {
 
 pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
     let luminances = |folder: &str| -> Result<Vec<(String, BivariateTable)>> {
-        let set = gonio_io::bivariate::read_bivariate_set(&data.join(folder))?;
+        let set = gonio_io::bivariate::read_bivariate_set(data.join(folder))?;
         let table = |(name, rgb): (String, [BivariateTable; 3])| {
             let mut table = BivariateTable::luminance(&rgb);
             table.extend_from_trusted();

@@ -11,7 +11,7 @@ use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
 use glam::{DVec3, Vec3};
-use gonio::inference::learnt::{LearntPosterior, UnshadowSettings, unshadow};
+use gonio::inference::learnt::{LearntPosterior, SphereEquivalentSettings, to_sphere_equivalent};
 use gonio::lighting::LightPrior;
 use gonio::picture::{Picture, Plane};
 use gonio::reflectance::BivariateTable;
@@ -188,7 +188,13 @@ impl Study<'_> {
                 // Values are rendered only at the points, not in every pixel.
                 let observations = Observations { values: seen.collect(), dense: Vec::new(), ..scene.clone() };
                 let start = Instant::now();
-                let found = unshadow(&observations, self.learnt, self.prior, &plan, &UnshadowSettings::default())?;
+                let found = to_sphere_equivalent(
+                    &observations,
+                    self.learnt,
+                    self.prior,
+                    &plan,
+                    &SphereEquivalentSettings::default(),
+                )?;
                 let estimate = self.learnt.posterior(&found.image).mean;
                 let errors: Vec<_> = self
                     .relit

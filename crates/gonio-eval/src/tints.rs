@@ -1,5 +1,5 @@
 //! `gonio-eval tints`: measures how the colour of captured light varies over its directions. Its
-//! output for the training lights gives the constants of `gonio::estimate::Tint`.
+//! output for the training lights gives the constants of `gonio::estimate::ChromaticLight`.
 
 use std::path::Path;
 

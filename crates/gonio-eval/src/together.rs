@@ -21,7 +21,7 @@ use gonio::lighting::EnvironmentMap;
 use gonio::model::Model;
 use gonio::reflectance::BivariateTable;
 use gonio::render::{Accuracy, Brdf, IntegratorSettings, LightTree, Relighter, SphereSettings, render_sphere};
-use gonio::scene::{Object, ObservationSettings, Observations, Sighting};
+use gonio::scene::{Detection, Object, ObservationSettings, Observations};
 
 use crate::bench::DRAFT;
 use crate::colour::{RELIT_NORMALS, picture, points};
@@ -92,7 +92,12 @@ impl Relit {
 }
 
 impl Errors {
-    fn of(material: &Material, field: &ChromaField, seen: &Seen, operators: &[[Relighter; 3]]) -> Result<Self> {
+    fn of(
+        material: &Material,
+        field: &ChromaField,
+        seen: &PhotographedMaterial,
+        operators: &[[Relighter; 3]],
+    ) -> Result<Self> {
         let quantiles: [Vec<f32>; 4] = material.quantiles.clone().try_into().ok().context("four quantiles")?;
         let widths = quantiles[0].iter().zip(&quantiles[3]).map(|(low, high)| f64::from((high / low).ln()));
         Ok(Self {
@@ -125,7 +130,7 @@ const HEADER: &str = "| answer | number | relight | RGB relight | mean chroma | 
                       | 50 % / 90 % covered |\n|---|---|---|---|---|---|---|---|\n";
 
 /// A material and its photographs.
-struct Seen {
+struct PhotographedMaterial {
     name: String,
     rgb: [BivariateTable; 3],
     /// Luminance of `rgb`.
@@ -166,7 +171,7 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
     let mut all = Vec::new();
     for (name, rgb) in materials {
         let photographs = maps.iter().map(|map| photograph(&rgb, map)).collect::<Result<_>>()?;
-        all.push(Seen { name, truth: BivariateTable::luminance(&rgb), rgb, photographs });
+        all.push(PhotographedMaterial { name, truth: BivariateTable::luminance(&rgb), rgb, photographs });
     }
     let (balls, tables) = (points(RELIT_NORMALS), all.iter().map(|seen| seen.truth.clone()).collect::<Vec<_>>());
     let operator = |name: &String| Ok(Relighter::of_channels(&balls, &tables, &lights.tree(name)?, &DRAFT));
@@ -182,7 +187,12 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
 
 /// Measures estimates from several photographs of each material, under unknown illumination and
 /// under known lights.
-fn photographs(model: &Model, all: &[Seen], maps: &[EnvironmentMap], operators: &[[Relighter; 3]]) -> Result<String> {
+fn photographs(
+    model: &Model,
+    all: &[PhotographedMaterial],
+    maps: &[EnvironmentMap],
+    operators: &[[Relighter; 3]],
+) -> Result<String> {
     let none = || maps.iter().map(|_| Vec::new()).collect::<Vec<Vec<Errors>>>();
     let (mut blind, mut lit, mut refused) = (none(), none(), 0);
     let mut likelihoods: Vec<[Vec<Likelihood>; 2]> = Vec::new();
@@ -231,7 +241,12 @@ fn photographs(model: &Model, all: &[Seen], maps: &[EnvironmentMap], operators: 
 
 /// Measures the albedo ratio of each pair of neighbouring materials under one light, and the errors
 /// of both relit with one scale.
-fn regions(model: &Model, all: &[Seen], lights: &[String], operators: &[[Relighter; 3]]) -> Result<String> {
+fn regions(
+    model: &Model,
+    all: &[PhotographedMaterial],
+    lights: &[String],
+    operators: &[[Relighter; 3]],
+) -> Result<String> {
     let settings = EstimateSettings::default();
     let (mut errors, mut relit) = (Vec::new(), Vec::new());
     for pair in all.windows(2) {
@@ -276,7 +291,7 @@ fn regions(model: &Model, all: &[Seen], lights: &[String], operators: &[[Relight
 fn collect(
     model: &Model,
     ones: &[One],
-    seen: &Seen,
+    seen: &PhotographedMaterial,
     operators: &[[Relighter; 3]],
     out: &mut [Vec<Errors>],
 ) -> Result<usize> {
@@ -327,8 +342,8 @@ pub(crate) fn photograph(brdf: &dyn Brdf, map: &EnvironmentMap) -> Result<Observ
         ..SphereSettings::default()
     };
     let picture = render_sphere(brdf, &LightTree::of_map(map), &settings, &|_| ());
-    let sighting = Sighting::of(&picture, None, Object::Sphere(None), &ObservationSettings::default())?;
-    Ok(sighting.observations)
+    let detection = Detection::of(&picture, None, Object::Sphere(None), &ObservationSettings::default())?;
+    Ok(detection.observations)
 }
 
 #[cfg(test)]

@@ -4,7 +4,7 @@ use std::fmt;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use gonio::remedy::Remedy;
+use gonio::suggestion::Suggestion;
 
 /// Largest displayed length of a problem in characters; third-party messages can be longer.
 const LONGEST_PROBLEM: usize = 500;
@@ -37,7 +37,7 @@ struct Inner {
     path: PathBuf,
     problem: String,
     advice: String,
-    remedy: Option<Remedy>,
+    suggestion: Option<Suggestion>,
     /// Error of the operating system. `problem` contains its text, so [`std::error::Error::source`]
     /// does not return it.
     os: Option<io::Error>,
@@ -66,18 +66,18 @@ impl Error {
     }
 
     /// Returns the input that resolves the error, if any; the advice does not mention it.
-    pub fn remedy(&self) -> Option<&Remedy> {
-        self.0.remedy.as_ref()
+    pub fn suggestion(&self) -> Option<&Suggestion> {
+        self.0.suggestion.as_ref()
     }
 
-    pub(crate) fn with_remedy(mut self, remedy: Remedy) -> Self {
-        self.0.remedy = Some(remedy);
+    pub(crate) fn with_suggestion(mut self, suggestion: Suggestion) -> Self {
+        self.0.suggestion = Some(suggestion);
         self
     }
 
     fn new(kind: Kind, path: &Path, problem: impl Into<String>, advice: impl Into<String>) -> Self {
         let (problem, advice) = (problem.into(), advice.into());
-        Self(Box::new(Inner { kind, path: path.to_owned(), problem, advice, remedy: None, os: None }))
+        Self(Box::new(Inner { kind, path: path.to_owned(), problem, advice, suggestion: None, os: None }))
     }
 
     /// Error of the operating system; `action` completes "cannot ...": "open", "write".

@@ -15,7 +15,7 @@ use std::path::Path;
 use exr::meta::header::Header;
 use glam::{DVec3, Vec3};
 use gonio::picture::Plane;
-use gonio::remedy::Remedy;
+use gonio::suggestion::Suggestion;
 
 use crate::picture::{self, Decoded, Encoding, Format, ReadOptions, Selection};
 use crate::{Error, guard, npy};
@@ -232,7 +232,7 @@ fn coded(path: &Path, decoded: &Decoded, range: Option<(f64, f64)>) -> Result<Pl
     let Some((near, far)) = range else {
         let problem = "stores depths as 0..1 without their range";
         let advice = "specify the depth range, or use EXR or NPY";
-        return Err(Error::invalid(path, problem, advice).with_remedy(Remedy::DepthRange));
+        return Err(Error::invalid(path, problem, advice).with_suggestion(Suggestion::DepthRange));
     };
     if !(near.is_finite() && far.is_finite() && near != far) {
         let problem = format!("stores depths as 0..1, and the range {near},{far} is invalid");
@@ -313,7 +313,7 @@ mod tests {
             }
             // Near and far swapped.
             assert!((depth(&bytes, Some((4.0, 2.0))).unwrap()[(1, 0)].unwrap() - 4.0).abs() < 1e-4);
-            assert!(depth(&bytes, None).unwrap_err().remedy() == Some(&Remedy::DepthRange));
+            assert!(depth(&bytes, None).unwrap_err().suggestion() == Some(&Suggestion::DepthRange));
             for range in [(1.0, 1.0), (0.0, f64::NAN)] {
                 assert_eq!(depth(&bytes, Some(range)).unwrap_err().kind(), Kind::Invalid);
             }

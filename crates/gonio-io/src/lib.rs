@@ -18,7 +18,7 @@
 //! * [`cache`], [`plan`]: computed plans kept between runs.
 //!
 //! Invariants: no input makes this crate panic; sizes are checked before memory is allocated. An
-//! [`Error`] always names the file, the problem and the remedy, on one line. This crate never
+//! [`Error`] always names the file, the problem and the suggestion, on one line. This crate never
 //! prints anything. It catches panics of third-party decoders on damaged files, but the panic hook
 //! has printed its message by then.
 

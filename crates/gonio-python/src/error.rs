@@ -3,8 +3,8 @@
 use std::io::ErrorKind;
 use std::sync::Mutex;
 
-use gonio::remedy::Remedy;
 use gonio::scene::Circle;
+use gonio::suggestion::Suggestion;
 use gonio_app::{Problem, Warning};
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
@@ -12,46 +12,48 @@ use pyo3::sync::PyOnceLock;
 use pyo3::types::PyType;
 
 /// Returns the text of a suggestion, in terms of the arguments of the package.
-pub(crate) fn words(remedy: &Remedy) -> Option<String> {
-    let words = match remedy {
-        Remedy::Outline => "specify the outline of the ball with circle=(x, y, radius)",
-        Remedy::Ellipsoid => "use shape=\"ellipsoid\" if the object is an ellipsoid",
-        Remedy::DepthAxis => "specify it with depth_axis=PIXELS if it is known",
-        Remedy::Camera => "specify the camera with camera=",
-        Remedy::Pose => "check pose=",
-        Remedy::Mask => "specify a mask with mask=",
-        Remedy::Mesh => "specify the shape with shape=MESH",
-        Remedy::Normals => "specify the shape with normals=",
-        Remedy::NormalAxes(corrections) => {
+pub(crate) fn words(suggestion: &Suggestion) -> Option<String> {
+    let words = match suggestion {
+        Suggestion::Outline => "specify the outline of the ball with circle=(x, y, radius)",
+        Suggestion::Ellipsoid => "use shape=\"ellipsoid\" if the object is an ellipsoid",
+        Suggestion::DepthAxis => "specify it with depth_axis=PIXELS if it is known",
+        Suggestion::Camera => "specify the camera with camera=",
+        Suggestion::Pose => "check pose=",
+        Suggestion::Mask => "specify a mask with mask=",
+        Suggestion::Mesh => "specify the shape with shape=MESH",
+        Suggestion::Normals => "specify the shape with normals=",
+        Suggestion::NormalAxes(corrections) => {
             let first = corrections.first()?;
             let order = first.reordered().map(|order| format!("normals_order=\"{order}\""));
             let flips = first.flips().into_iter().map(|axis| format!("normals_flip_{axis}=True"));
             let given = order.into_iter().chain(flips).collect::<Vec<_>>().join(" and ");
             return Some(format!("use {given}"));
         }
-        Remedy::OneOf(circles) => {
+        Suggestion::OneOf(circles) => {
             let argument = |circle: &Circle| format!("circle=({:.1}, {:.1}, {:.1})", circle.x, circle.y, circle.radius);
             let listed: Vec<String> = circles.iter().map(argument).collect();
             return (!listed.is_empty()).then(|| format!("select one with {}", listed.join(" or ")));
         }
-        Remedy::TrustNormals => "skip this check with trust_normals=True",
-        Remedy::KeepColours => "to use them, specify keep_colors=True",
-        Remedy::AlignLight => "search for the rotation of the light map with align_light=\"around\"",
-        Remedy::Force => "use force=True to estimate anyway",
-        Remedy::Linear => "use linear=True if the values are linear radiance",
-        Remedy::Layer => "select another layer with layer=NAME",
-        Remedy::Separately => "pass one photograph at a time, or use infer_many for several",
-        Remedy::DepthRange => "depth_range=(near, far) specifies the range",
-        Remedy::ChartCorners => {
+        Suggestion::TrustNormals => "skip this check with trust_normals=True",
+        Suggestion::KeepColours => "to use them, specify keep_colors=True",
+        Suggestion::AlignLight => "search for the rotation of the light map with align_light=\"around\"",
+        Suggestion::Force => "use force=True to estimate anyway",
+        Suggestion::Linear => "use linear=True if the values are linear radiance",
+        Suggestion::Layer => "select another layer with layer=NAME",
+        Suggestion::Separately => "pass one photograph at a time, or use infer_many for several",
+        Suggestion::DepthRange => "depth_range=(near, far) specifies the range",
+        Suggestion::ChartCorners => {
             "specify the centres of its corner patches (dark skin, bluish green, black, white) with color_checker=[(x, y), ...]"
         }
-        Remedy::ClipLevel => "if they are not clipped, specify the clipping level with clip=",
-        Remedy::ReferenceColourOnly => "use only its colour with reference_color_only=True",
-        Remedy::Times => "times=[...] specifies them",
-        Remedy::Turn => "specify the angle with second_yaw=DEGREES",
-        Remedy::SecondOutline => "specify the outline of the ball with second_circle=(x, y, radius)",
-        Remedy::SecondMask => "specify a mask with second_mask=",
-        Remedy::LearnPosterior => "train one with train_posterior and add it with train_model, or use another method=",
+        Suggestion::ClipLevel => "if they are not clipped, specify the clipping level with clip=",
+        Suggestion::ReferenceColourOnly => "use only its colour with reference_color_only=True",
+        Suggestion::Times => "times=[...] specifies them",
+        Suggestion::Turn => "specify the angle with second_yaw=DEGREES",
+        Suggestion::SecondOutline => "specify the outline of the ball with second_circle=(x, y, radius)",
+        Suggestion::SecondMask => "specify a mask with second_mask=",
+        Suggestion::LearnPosterior => {
+            "train one with train_posterior and add it with train_model, or use another method="
+        }
         _ => return None,
     };
     Some(words.to_owned())

@@ -10,7 +10,9 @@ use gonio::picture::Plane;
 use gonio::reflectance::{BivariateTable, THETA_D, THETA_H};
 use gonio::scene::Circle;
 use gonio_app::regions::{self, Regions};
-use gonio_app::{Alignment, Answer, Colours, Journal, KnownLight, Method, Problem, Search, Source, Spaces};
+use gonio_app::{
+    Alignment, Colours, InferenceResult, KnownLight, Method, Problem, ProgressLog, Search, Source, Spaces,
+};
 use gonio_io::colour_space::ColourSpace;
 use gonio_report::panels::Panels;
 use pyo3::prelude::*;
@@ -78,7 +80,7 @@ impl Settings<'_> {
             ("known-light-basis", Some(map)) => Ok(Method::KnownLightBasis(search, map)),
             ("learnt", _) => Ok(Method::Learnt),
             ("variational" | "paper", _) => Ok(Method::Variational(search)),
-            ("map", _) => Ok(Method::JointMaximum(search)),
+            ("map", _) => Ok(Method::JointMap(search)),
             (other, _) => Err(Problem::new(format!("method {other:?}: unknown method, or its light is missing"))),
         })
     }
@@ -128,8 +130,8 @@ pub(crate) fn infer<'py>(
     listeners: Listeners,
 ) -> PyResult<Bound<'py, PyDict>> {
     let scene = scene.take()?;
-    let answer = work_on(py, settings, model, listeners, move |model, settings, journal| {
-        gonio_app::infer(model, scene, settings, journal)
+    let answer = work_on(py, settings, model, listeners, move |model, settings, progress_log| {
+        gonio_app::infer(model, scene, settings, progress_log)
     })?;
     spell_out(py, answer, model)
 }
@@ -140,7 +142,7 @@ fn work_on<T: Send + 'static>(
     settings: Settings<'_>,
     model: &Bound<'_, Model>,
     listeners: Listeners,
-    infer: impl FnOnce((&Known, &str), &gonio_app::Settings<'_>, &Journal<'_>) -> Result<T, Problem> + Send + 'static,
+    infer: impl FnOnce((&Known, &str), &gonio_app::Settings<'_>, &ProgressLog<'_>) -> Result<T, Problem> + Send + 'static,
 ) -> PyResult<T> {
     let (known, name) = (model.get().model.clone(), model.get().name.clone());
     let method = settings.method()?.map_err(|error| raise(&error, py))?;
@@ -150,7 +152,7 @@ fn work_on<T: Send + 'static>(
     work::run(py, listeners, move |reporter| {
         let listener = |stage, fraction| reporter.at(stage, fraction);
         let settings = gonio_app::Settings { method, side, shadows, colours, spaces, pictures, report, words: &words };
-        infer((&known, &name), &settings, &Journal::new("reading", &listener))
+        infer((&known, &name), &settings, &ProgressLog::new("reading", &listener))
     })
 }
 
@@ -189,15 +191,15 @@ pub(crate) fn infer_regions<'py>(
     listeners: Listeners,
 ) -> PyResult<Vec<(String, Bound<'py, PyDict>)>> {
     let (scene, regions) = (scene.take()?, regions.take()?);
-    let several = work_on(py, settings, model, listeners, move |model, settings, journal| {
-        regions::infer_regions(model, scene, &regions, settings, journal)
+    let several = work_on(py, settings, model, listeners, move |model, settings, progress_log| {
+        regions::infer_regions(model, scene, &regions, settings, progress_log)
     })?;
     let spelt = several.regions.into_iter().map(|region| Ok((region.name, spell_out(py, region.answer, model)?)));
     spelt.collect()
 }
 
 /// Returns all pictures by name: those of a result folder and the panels that they consist of.
-fn pictures(answer: &Answer) -> Vec<(&'static str, Plane<Vec3>)> {
+fn pictures(answer: &InferenceResult) -> Vec<(&'static str, Plane<Vec3>)> {
     let mut pictures = answer.pictures();
     if let Some(panels) = &answer.panels {
         let Panels { photograph, observed, reproduction, residual, light, spheres, .. } = panels;
@@ -263,13 +265,13 @@ pub(crate) fn shown<'py>(py: Python<'py>, pictures: Vec<(&'static str, Plane<Vec
 
 /// Returns a dictionary of the results with the keys of `gonio._types.Found`. For methods that
 /// estimate coefficients only, the keys are those of `FoundInBasis`.
-fn spell_out<'py>(py: Python<'py>, answer: Answer, model: &Bound<'py, Model>) -> PyResult<Bound<'py, PyDict>> {
+fn spell_out<'py>(py: Python<'py>, answer: InferenceResult, model: &Bound<'py, Model>) -> PyResult<Bound<'py, PyDict>> {
     let (field, light_colour) = (answer.colouring.field(), answer.colouring.light());
     let channels = answer.material.as_ref().map(|material| answer.colouring.quantiles(material));
     let pictures = pictures(&answer);
     let estimated = answer.light.as_ref().map(|light| answer.lat_long(light));
     let light = estimated.or_else(|| answer.known_light.as_ref().map(|light| light.radiance().clone()));
-    let Answer { table, material, saved, scale, left, notes, warnings, page, .. } = answer;
+    let InferenceResult { table, material, saved, scale, left, notes, warnings, page, .. } = answer;
     let out = match material.zip(saved) {
         Some((material, saved)) => {
             let out = of_material(py, &material, (&field, channels), scale)?;

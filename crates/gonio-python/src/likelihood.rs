@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use gonio::estimate::draws;
 use gonio::reflectance::{THETA_D, THETA_H};
 use gonio_app::combine::{self, CombinedAnswer};
-use gonio_app::{Journal, Problem};
+use gonio_app::{Problem, ProgressLog};
 use gonio_io::posterior::SavedPosterior;
 use numpy::PyArray3;
 use pyo3::prelude::*;
@@ -79,7 +79,7 @@ pub(crate) fn combine_all<'py>(
     let (known, name) = (model.get().model.clone(), model.get().name.clone());
     let answer = work::run(py, listeners, move |reporter| {
         let listener = |stage, fraction| reporter.at(stage, fraction);
-        combine::combine((&known, &name), &all, &Journal::new("reading", &listener))
+        combine::combine((&known, &name), &all, &ProgressLog::new("reading", &listener))
     })?;
     let CombinedAnswer { material, field, agreement, pictures, notes, saved } = answer;
     let out = of_material(py, &material, (&field, None), 1.0)?;

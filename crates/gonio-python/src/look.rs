@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use gonio::bracket::Known;
 use gonio::picture::Plane;
 use gonio_app::photograph::merge_files;
-use gonio_app::{Journal, check as look_at};
+use gonio_app::{ProgressLog, check as look_at};
 use gonio_io::picture::encode_response;
 use numpy::PyArray2;
 use pyo3::prelude::*;
@@ -31,7 +31,7 @@ pub(crate) fn check<'py>(
     let (picture, outlines, notes, warnings) = work::run(py, listeners, move |reporter| {
         let listener = |stage, fraction| reporter.at(stage, fraction);
         let checked =
-            look_at(scene, regions, &Journal::new("reading", &listener)).map_err(|unchecked| unchecked.problem)?;
+            look_at(scene, regions, &ProgressLog::new("reading", &listener)).map_err(|unchecked| unchecked.problem)?;
         let outlines: Vec<String> = checked.objects.iter().map(gonio_app::Looked::outline).collect();
         Ok((checked.draw(), outlines, checked.notes(), worded(&checked.warnings)))
     })?;

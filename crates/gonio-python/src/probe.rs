@@ -1,6 +1,6 @@
 //! Estimates the light around a mirror ball.
 
-use gonio_app::{Journal, Mirror};
+use gonio_app::{Mirror, ProgressLog};
 use numpy::{PyArray2, PyArray3};
 use pyo3::prelude::*;
 
@@ -38,7 +38,7 @@ pub(crate) fn light_probe<'py>(
     let mirror = Mirror { first: first.take()?, second, reflectance, rows };
     let found = work::run(py, listeners, move |reporter| {
         let listener = |stage, fraction| reporter.at(stage, fraction);
-        gonio_app::light_probe(mirror, &Journal::new("reading", &listener))
+        gonio_app::light_probe(mirror, &ProgressLog::new("reading", &listener))
     })?;
     let (rows, columns) = (found.seen.height(), found.seen.width());
     let seen = arrays::array(py, (rows, columns), found.seen.into_vec());

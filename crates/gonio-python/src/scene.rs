@@ -7,7 +7,7 @@ use gonio::picture::{Picture, Plane};
 use gonio::scene::{Circle, Correction};
 use gonio::shape::{DepthKind, MeshParts};
 use gonio_app::{
-    Curve, Form, Normals, Places, Problem, Reading, Reference, ReferenceTarget, Scene, Shape, Shots, Source,
+    Curve, Form, Normals, PhotographSource, Places, Problem, Reading, Reference, ReferenceTarget, Scene, Shape, Source,
 };
 use gonio_io::colour_space::ColourSpace;
 use gonio_io::geometry::{depth_of, place_of};
@@ -164,14 +164,14 @@ impl GivenScene<'_> {
     pub(crate) fn take(self) -> PyResult<Scene> {
         let shots = match self.image {
             GivenShots::Picture(GivenPicture::Array(rgb)) => {
-                Shots::Here(Picture { rgb: arrays::colours(&rgb)?, alpha: None })
+                PhotographSource::Here(Picture { rgb: arrays::colours(&rgb)?, alpha: None })
             }
             GivenShots::Picture(GivenPicture::WithAlpha((rgb, alpha))) => {
-                Shots::Here(Picture { rgb: arrays::colours(&rgb)?, alpha: Some(arrays::values(&alpha)?) })
+                PhotographSource::Here(Picture { rgb: arrays::colours(&rgb)?, alpha: Some(arrays::values(&alpha)?) })
             }
-            GivenShots::Picture(GivenPicture::File(path)) => Shots::Files(vec![path]),
-            GivenShots::Bytes(bytes) => Shots::Bytes(self.name.clone(), bytes),
-            GivenShots::Exposures(paths) => Shots::Files(paths),
+            GivenShots::Picture(GivenPicture::File(path)) => PhotographSource::Files(vec![path]),
+            GivenShots::Bytes(bytes) => PhotographSource::Bytes(self.name.clone(), bytes),
+            GivenShots::Exposures(paths) => PhotographSource::Files(paths),
         };
         Ok(Scene {
             name: self.name,

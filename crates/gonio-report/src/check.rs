@@ -5,7 +5,7 @@ use std::f64::consts::{PI, TAU};
 use glam::Vec3;
 use gonio::picture::{Picture, Plane};
 use gonio::render::Exposure;
-use gonio::scene::{Circle, Fate, Sighting};
+use gonio::scene::{Circle, Detection, PixelStatus};
 
 use crate::canvas::{OUTLINE, PAPER, fill, heading, with_legend};
 use crate::panels::over_paper;
@@ -94,17 +94,17 @@ impl Frame {
 
 /// Draws the photograph, dark outside of the objects, with their outlines and marks on ignored
 /// pixels. Returns linear display values in 0..=1.
-pub fn draw(picture: &Picture, sightings: &[&Sighting]) -> Plane<Vec3> {
+pub fn draw(picture: &Picture, sightings: &[&Detection]) -> Plane<Vec3> {
     let (width, height) = picture.rgb.size();
-    let owner = Plane::from_fn(width, height, |x, y| sightings.iter().position(|sighting| sighting.contains(x, y)));
-    let fates = Plane::from_fn(width, height, |x, y| {
-        let of = |sighting: &&Sighting| sighting.observations.fates.as_ref().map(|fates| fates[(x, y)]);
-        sightings.iter().filter_map(of).find(|fate| *fate != Fate::Outside).unwrap_or_default()
+    let owner = Plane::from_fn(width, height, |x, y| sightings.iter().position(|detection| detection.contains(x, y)));
+    let statuses = Plane::from_fn(width, height, |x, y| {
+        let of = |detection: &&Detection| detection.observations.statuses.as_ref().map(|statuses| statuses[(x, y)]);
+        sightings.iter().filter_map(of).find(|status| *status != PixelStatus::Outside).unwrap_or_default()
     });
-    // A sighting without ignored pixels has no fates; its pixels are `Outside` here.
+    // A detection without ignored pixels has no statuses; its pixels are `Outside` here.
     let observed = |i: usize| {
         owner.as_slice()[i].is_some()
-            && matches!(fates.as_slice()[i], Fate::Used | Fate::Outside)
+            && matches!(statuses.as_slice()[i], PixelStatus::Used | PixelStatus::Outside)
             && picture.rgb.as_slice()[i].is_finite()
     };
     let exposure = Exposure::by_quantile(&picture.rgb, observed, 0.9, 0.6);
@@ -112,7 +112,7 @@ pub fn draw(picture: &Picture, sightings: &[&Sighting]) -> Plane<Vec3> {
     let frame = Frame::of((width, height));
     let (size, first) = (frame.size, |x: usize, y: usize| frame.first(x, y));
     let photograph = Plane::from_fn(size.0, size.1, |x, y| {
-        let mark = MARKS.iter().find(|mark| frame.behind(x, y, (width, height)).any(|at| mark.marks(fates[at])));
+        let mark = MARKS.iter().find(|mark| frame.behind(x, y, (width, height)).any(|at| mark.marks(statuses[at])));
         let own = owner[first(x, y)];
         let ends = (1..=WEIGHT)
             .flat_map(|d| [(x.saturating_sub(d), y), (x, y.saturating_sub(d)), (x + d, y), (x, y + d)])
@@ -125,6 +125,6 @@ pub fn draw(picture: &Picture, sightings: &[&Sighting]) -> Plane<Vec3> {
         }
     });
     let mut lines = vec![(OUTLINE, "outline".to_owned())];
-    lines.extend(legend(&fates));
+    lines.extend(legend(&statuses));
     with_legend(&photograph, WIDTH, &lines)
 }

@@ -5,7 +5,7 @@ use glam::Vec3;
 use gonio::picture::Plane;
 use gonio::probe::{Probe, View};
 use gonio::render::Exposure;
-use gonio::scene::Fate;
+use gonio::scene::PixelStatus;
 
 use crate::canvas::{INK, LINE, OUTLINE, PAPER, fill, legend as legend_line, note, place, sheet, text};
 use crate::panels::resize;
@@ -77,13 +77,13 @@ fn captions(probe: &Probe) -> Vec<String> {
 
 /// Returns the colours and labels of the marks that occur.
 fn legend(views: &[&View]) -> Vec<(Vec3, &'static str)> {
-    let any = |fates: &[Fate]| views.iter().any(|view| view.count(fates) > 0);
+    let any = |statuses: &[PixelStatus]| views.iter().any(|view| view.count(statuses) > 0);
     [
         (true, OUTLINE, "outline of the ball"),
-        (any(&[Fate::Edge]), RIM, "rim, ignored"),
+        (any(&[PixelStatus::Edge]), RIM, "rim, ignored"),
         (views.len() > 1, CAMERA, "reflection of the camera, replaced by the other view"),
-        (any(&[Fate::Clipped]), CLIPPED, "clipped: true radiance is higher"),
-        (any(&[Fate::Negative, Fate::NotFinite]), FAULTY, "invalid radiance, ignored"),
+        (any(&[PixelStatus::Clipped]), CLIPPED, "clipped: true radiance is higher"),
+        (any(&[PixelStatus::Negative, PixelStatus::NotFinite]), FAULTY, "invalid radiance, ignored"),
     ]
     .into_iter()
     .filter(|(occurs, ..)| *occurs)
@@ -98,10 +98,10 @@ fn stripe(x: usize, y: usize) -> bool {
 /// Draws the part of the photograph with the ball, with marks on ignored pixels. If `several`, the
 /// reflection of the camera is marked, too, because the other view replaces it.
 fn photograph(view: &View, several: bool) -> Plane<Vec3> {
-    let fates = view.fates();
-    let (width, height) = fates.size();
+    let statuses = view.statuses();
+    let (width, height) = statuses.size();
     let (mut low, mut high) = ((width, height), (0, 0));
-    for i in (0..width * height).filter(|i| fates.as_slice()[*i] != Fate::Outside) {
+    for i in (0..width * height).filter(|i| statuses.as_slice()[*i] != PixelStatus::Outside) {
         let (x, y) = (i % width, i / width);
         low = (low.0.min(x), low.1.min(y));
         high = (high.0.max(x + 1), high.1.max(y + 1));
@@ -114,23 +114,23 @@ fn photograph(view: &View, several: bool) -> Plane<Vec3> {
         let inside = u >= 0.0 && v >= 0.0 && u < width as f64 && v < height as f64;
         inside.then_some((u as usize, v as usize))
     };
-    let on_ball = |i: usize| matches!(fates.as_slice()[i], Fate::Used | Fate::Clipped);
+    let on_ball = |i: usize| matches!(statuses.as_slice()[i], PixelStatus::Used | PixelStatus::Clipped);
     let exposure = Exposure::by_quantile(view.rgb(), on_ball, 0.9, 0.6);
-    let fate = |x: usize, y: usize| behind(x, y).map_or(Fate::Outside, |at| fates[at]);
+    let status = |x: usize, y: usize| behind(x, y).map_or(PixelStatus::Outside, |at| statuses[at]);
     Plane::from_fn(PANEL, PANEL, |x, y| {
         let Some(at) = behind(x, y) else { return PAPER };
         let rgb = view.rgb()[at];
         let shown = exposure.apply(if rgb.is_finite() { rgb } else { Vec3::ZERO });
-        let own = fates[at];
+        let own = statuses[at];
         let beside = [(x.saturating_sub(1), y), (x + 1, y), (x, y.saturating_sub(1)), (x, y + 1)];
-        let ends = beside.iter().any(|&(x, y)| x < PANEL && y < PANEL && fate(x, y) == Fate::Outside);
+        let ends = beside.iter().any(|&(x, y)| x < PANEL && y < PANEL && status(x, y) == PixelStatus::Outside);
         match own {
-            Fate::Outside => SHADE * shown,
+            PixelStatus::Outside => SHADE * shown,
             _ if ends => OUTLINE,
-            Fate::Clipped => CLIPPED,
-            Fate::Negative | Fate::NotFinite => FAULTY,
-            Fate::Edge if stripe(x, y) => RIM,
-            Fate::Used if several && stripe(x, y) && view.shows_camera(at) => CAMERA,
+            PixelStatus::Clipped => CLIPPED,
+            PixelStatus::Negative | PixelStatus::NotFinite => FAULTY,
+            PixelStatus::Edge if stripe(x, y) => RIM,
+            PixelStatus::Used if several && stripe(x, y) && view.shows_camera(at) => CAMERA,
             _ => shown,
         }
     })

@@ -164,7 +164,7 @@
     run.viewer.ready.then((drawn) => (document.documentElement.dataset.viewer = drawn ? "drawn" : "none"));
   }
 
-  function words({ gloss: [low, middle, high], open, doubts, neighbours, coloured }) {
+  function words({ gloss: [low, middle, high], open, diagnostics, neighbours, coloured }) {
     const named = (value) => GLOSSES.find(([limit]) => value < limit)[1];
     const kinds = [...new Set([low, middle, high].map(named))];
     const kind = kinds.length === 1 ? kinds[0] : `${kinds[0]} to ${kinds.at(-1)}`;
@@ -186,10 +186,10 @@
       return make("tr", {}, make("th", { scope: "row", textContent: name.replaceAll("-", " ") }), make("td", {}, bar, percent(weight)));
     }));
     if (neighbours.length > 0) list.append(make("dt", { textContent: "Measured materials with the most similar highlights, and their weights" }), make("dd", {}, near));
-    const warnings = [...run.warnings, ...doubts];
+    const warnings = [...run.warnings, ...diagnostics];
     const items = warnings.map((textContent) => make("li", { textContent }));
     at("words").querySelector("div").replaceChildren(
-      ...(items.length > 0 ? [make("ul", { className: "doubts" }, ...items)] : []), list);
+      ...(items.length > 0 ? [make("ul", { className: "diagnostics" }, ...items)] : []), list);
   }
 
   function light({ side, misfit, png, light: packed }) {

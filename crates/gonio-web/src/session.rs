@@ -5,13 +5,13 @@ use std::path::Path;
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use glam::Vec3;
-use gonio::estimate::{Colouring, ColouringRule, Estimate, EstimateSettings, Light, Material, Tint};
+use gonio::estimate::{ChromaticLight, Colouring, ColouringRule, Estimate, EstimateSettings, Light, Material};
 use gonio::model::Model;
 use gonio::picture::{Picture, Plane};
 use gonio::reflectance::MerlTable;
-use gonio::remedy::Remedy;
-use gonio::scene::{Circle, Object, ObservationSettings, SceneError, Sighting};
-use gonio_app::notes::{self, Account};
+use gonio::scene::{Circle, Detection, Object, ObservationSettings, SceneError};
+use gonio::suggestion::Suggestion;
+use gonio_app::notes::{self, ResultDocument};
 use gonio_app::photograph::decode_picture;
 use gonio_app::results::{BRDF, LIGHT, LIGHT_ROWS, RESULT};
 use gonio_app::{AS_CAPTURED, Method};
@@ -63,9 +63,9 @@ pub struct Session {
     picture: Picture,
     clip: Option<f32>,
     warnings: Vec<String>,
-    sighting: Option<Sighting>,
+    detection: Option<Detection>,
     found: Option<(Material, Colouring)>,
-    light: Option<(Light, Option<Tint>, EstimateSettings)>,
+    light: Option<(Light, Option<ChromaticLight>, EstimateSettings)>,
 }
 
 impl Session {
@@ -86,7 +86,7 @@ impl Session {
             clip: decoded.full_scale,
             // The page has no settings, so warnings do not suggest any.
             warnings: warnings.iter().map(|warning| warning.worded(&|_| None)).collect(),
-            sighting: None,
+            detection: None,
             found: None,
             light: None,
         })
@@ -111,8 +111,8 @@ impl Session {
             Some(_) => return Err("an outline consists of a centre and a positive radius".into()),
         };
         let settings = ObservationSettings { clip: self.clip, ..ObservationSettings::default() };
-        let sighting = match Sighting::of(&self.picture, None, Object::Sphere(circle), &settings) {
-            Ok(sighting) => sighting,
+        let detection = match Detection::of(&self.picture, None, Object::Sphere(circle), &settings) {
+            Ok(detection) => detection,
             Err(error) if error.is_of_outline() || error == SceneError::NoOutline => {
                 return Ok(json!({ "why": error.to_string() }));
             }
@@ -121,14 +121,14 @@ impl Session {
             }
             Err(error) => return Err(self.blamed(&error)),
         };
-        let oddities = sighting.oddities.iter().map(ToString::to_string);
+        let scene_warnings = detection.scene_warnings.iter().map(ToString::to_string);
         let notes = json!({
-            "circle": sighting.circle(),
-            "sure": sighting.sureness.map(|sure| sure.to_string()),
-            "used": sighting.observations.report.used,
-            "warnings": self.warnings.iter().cloned().chain(oddities).collect::<Vec<_>>(),
+            "circle": detection.circle(),
+            "sure": detection.sureness.map(|sure| sure.to_string()),
+            "used": detection.observations.report.used,
+            "warnings": self.warnings.iter().cloned().chain(scene_warnings).collect::<Vec<_>>(),
         });
-        self.sighting = Some(sighting);
+        self.detection = Some(detection);
         Ok(notes)
     }
 
@@ -137,10 +137,10 @@ impl Session {
     /// # Errors
     /// If the ball has not been detected yet, or the photograph is black.
     pub fn material(&mut self) -> Result<Value, String> {
-        let sighting = self.sighting.as_ref().ok_or("the ball has not been detected yet")?;
+        let detection = self.detection.as_ref().ok_or("the ball has not been detected yet")?;
         let side = EstimateSettings::default().side;
-        let material = Material::of(&self.model, &sighting.observations, side).map_err(|e| self.blamed(&e))?;
-        let colouring = Colouring::of(&self.model, &sighting.observations, &material.table, &ColouringRule::default());
+        let material = Material::of(&self.model, &detection.observations, side).map_err(|e| self.blamed(&e))?;
+        let colouring = Colouring::of(&self.model, &detection.observations, &material.table, &ColouringRule::default());
         let field = colouring.field();
         let [dull, glossy] = &material.ends;
         let views = [("estimate", &material.table), ("dull end (5 %)", dull), ("glossy end (95 %)", glossy)]
@@ -150,7 +150,7 @@ impl Session {
         let notes = json!({
             "gloss": material.gloss,
             "open": material.open,
-            "doubts": material.doubts().iter().map(ToString::to_string).collect::<Vec<_>>(),
+            "diagnostics": material.diagnostics().iter().map(ToString::to_string).collect::<Vec<_>>(),
             "neighbours": neighbours,
             "coloured": !matches!(colouring, Colouring::Grey | Colouring::GreyPhotograph),
             "materials": views,
@@ -166,11 +166,11 @@ impl Session {
     /// # Errors
     /// If the material has not been estimated yet, or the prior does not support the grid.
     pub fn light(&mut self, side: usize) -> Result<Value, String> {
-        let (sighting, (material, colouring)) = self.known()?;
+        let (detection, (material, colouring)) = self.known()?;
         let settings = EstimateSettings { side, ..EstimateSettings::default() };
-        let light = Light::of(&self.model, &sighting.observations, &material.table, &settings, &|_| ())
+        let light = Light::of(&self.model, &detection.observations, &material.table, &settings, &|_| ())
             .map_err(|e| self.blamed(&e))?;
-        let tint = Tint::of(&self.model, &sighting.observations, &material.table, colouring, &light)
+        let tint = ChromaticLight::of(&self.model, &detection.observations, &material.table, colouring, &light)
             .map_err(|e| self.blamed(&e))?;
         let radiance = sphere::lit(tint.as_ref().map_or(&light.grid, |tint| &tint.grid));
         let notes = json!({
@@ -215,7 +215,7 @@ impl Session {
     /// Returns the contents of `result.json` as in `gonio infer`, without entries about other
     /// files.
     fn result(&self, seconds: &str) -> Result<String, String> {
-        let (sighting, (material, colouring)) = self.known()?;
+        let (detection, (material, colouring)) = self.known()?;
         let (light, tint, settings) = self.light.as_ref().ok_or("the light has not been estimated yet")?;
         let colouring = match tint {
             Some(tint) => &colouring.clone().less_certain(&material.table, tint),
@@ -223,16 +223,17 @@ impl Session {
         };
         let (material, light) = (material.clone(), light.clone());
         let estimate = Estimate { material, light, colouring: colouring.clone(), tint: tint.clone() };
-        let oddities = sighting.oddities.iter().map(ToString::to_string);
-        let doubts = estimate.doubts();
-        let warnings = self.warnings.iter().cloned().chain(oddities).chain(doubts.iter().map(ToString::to_string));
+        let scene_warnings = detection.scene_warnings.iter().map(ToString::to_string);
+        let diagnostics = estimate.diagnostics();
+        let warnings =
+            self.warnings.iter().cloned().chain(scene_warnings).chain(diagnostics.iter().map(ToString::to_string));
         let mut sections = notes::estimate(&estimate);
         sections["settings"] = notes::settings(settings, false);
-        let mut result = Account {
+        let mut result = ResultDocument {
             image: &self.name,
             method: Method::Learnt.name(),
             model: &self.model,
-            observations: notes::sighting(sighting),
+            observations: notes::detection(detection),
             bracket: None,
             colouring,
             assumption: AS_CAPTURED,
@@ -250,10 +251,10 @@ impl Session {
         serde_json::to_string_pretty(&result).map_err(|e| e.to_string())
     }
 
-    fn known(&self) -> Result<(&Sighting, &(Material, Colouring)), String> {
-        let sighting = self.sighting.as_ref().ok_or("the ball has not been detected yet")?;
+    fn known(&self) -> Result<(&Detection, &(Material, Colouring)), String> {
+        let detection = self.detection.as_ref().ok_or("the ball has not been detected yet")?;
         let found = self.found.as_ref().ok_or("the material has not been estimated yet")?;
-        Ok((sighting, found))
+        Ok((detection, found))
     }
 
     fn blamed(&self, error: &dyn std::error::Error) -> String {
@@ -263,8 +264,8 @@ impl Session {
 
 /// Returns the most probable outline among the candidates of an error.
 fn guess(error: &SceneError) -> Option<Circle> {
-    error.remedies().into_iter().find_map(|remedy| match remedy {
-        Remedy::OneOf(circles) => circles.first().copied(),
+    error.suggestions().into_iter().find_map(|suggestion| match suggestion {
+        Suggestion::OneOf(circles) => circles.first().copied(),
         _ => None,
     })
 }

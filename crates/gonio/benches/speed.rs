@@ -17,7 +17,7 @@ use gonio::reflectance::parametric::{Ggx, Parametric};
 use gonio::render::{IntegratorSettings, LightTree, radiance};
 use gonio::scene::{ObservationSettings, sphere_points};
 use gonio::shape::SurfacePoint;
-use gonio::shape::{Camera, Form, GeometryBuffer, Lookout, Tracer, Visibility, hit_at};
+use gonio::shape::{Camera, Form, GeometryBuffer, Tracer, Viewpoint, Visibility, hit_at};
 use gonio::sphere::OctahedralMap;
 use gonio::transfer::{Bilinear, Plan, PlanSettings, Projected};
 use rand::{RngExt, SeedableRng};
@@ -186,11 +186,11 @@ fn geometry_buffer() -> GeometryBuffer {
 #[divan::bench(sample_count = 3, sample_size = 1)]
 fn visibility_of_12000_points(bencher: Bencher) {
     let (surface, camera) = &*BOWL;
-    let seen: Vec<Lookout> = (0..512 * 512)
+    let seen: Vec<Viewpoint> = (0..512 * 512)
         .filter_map(|i| hit_at(surface, camera, i % 512, i / 512))
-        .map(|hit| Lookout { from: hit.clear, normal: hit.normal })
+        .map(|hit| Viewpoint { from: hit.clear, normal: hit.normal })
         .collect();
-    let points: Vec<Lookout> = (0..12_000).map(|i| seen[i * seen.len() / 12_000]).collect();
+    let points: Vec<Viewpoint> = (0..12_000).map(|i| seen[i * seen.len() / 12_000]).collect();
     bencher.bench(|| {
         let visibility = Visibility::trace(surface, &points, OctahedralMap::EqualArea, 32, &|_| ());
         assert!(visibility.bytes() < 20_000_000, "{}", visibility.bytes());

@@ -5,14 +5,16 @@
 //!
 //! 1. [`picture::Picture`]: linear RGB radiance, decoded by `gonio-io`; [`bracket::merge`] makes
 //!    one of several exposures.
-//! 2. [`scene::Sighting::of`] detects the object and returns [`scene::Observations`]: points with a
+//! 2. [`scene::Detection::of`] detects the object and returns [`scene::Observations`]: points with
+//! a
 //!    normal, a view direction and a luminance.
-//! 3. [`inference::learnt::unshadow`] converts them to the image of a sphere on the disk of
+//! 3. [`inference::learnt::to_sphere_equivalent`] converts them to the image of a sphere on the
+//! disk of
 //!    normals, [`appearance::DiskImage`].
 //! 4. [`inference::learnt::LearntPosterior::posterior`] evaluates the posterior of the material,
 //!    marginalised over the light. It is learnt from simulated photographs ([`simulation`]).
 //! 5. [`inference::light::LightProblem`] computes the posterior of the light given that material.
-//! 6. [`colour`] estimates the colours of both, and [`estimate::Doubt`] reports diagnostics.
+//! 6. [`colour`] estimates the colours of both, and [`estimate::Diagnostic`] reports diagnostics.
 //!
 //! [`estimate::estimate`] performs steps 3 to 6. The steps require a [`model::Model`].
 //!
@@ -44,13 +46,13 @@ pub mod picture;
 pub mod probe;
 pub mod reference;
 pub mod reflectance;
-pub mod remedy;
 pub mod render;
 pub mod scene;
 pub mod shading;
 pub mod shape;
 pub mod simulation;
 pub mod sphere;
+pub mod suggestion;
 #[cfg(test)]
 mod testing;
 pub mod transfer;

@@ -104,7 +104,7 @@ pub(super) fn markdown(all: &[Several]) -> String {
 
 #[cfg(test)]
 mod tests {
-    use gonio::scene::{Object, ObservationSettings, Sighting};
+    use gonio::scene::{Detection, Object, ObservationSettings};
 
     use super::super::planted;
     use super::*;
@@ -115,8 +115,8 @@ mod tests {
         let model = gonio_io::model::embedded().unwrap();
         let ball = planted::ball(&BivariateTable::from_fn(|h, _| 0.2 + 2.0 * (-(h / 0.2).powi(2)).exp()));
         let picture = &ball.photographs[0].picture;
-        let sighting = Sighting::of(picture, None, Object::Sphere(None), &ObservationSettings::default()).unwrap();
-        let one = Material::of(&model, &sighting.observations, 16).unwrap();
+        let detection = Detection::of(picture, None, Object::Sphere(None), &ObservationSettings::default()).unwrap();
+        let one = Material::of(&model, &detection.observations, 16).unwrap();
         let several = Several::of("ball", &ball.slice.judged(), &model, &[&one, &one, &one]).unwrap();
         assert_eq!(several.refused, 0);
         let widths: Vec<f64> = several.joint.iter().map(|joint| joint[0].width).collect();

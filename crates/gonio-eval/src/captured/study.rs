@@ -4,12 +4,12 @@ use std::time::Instant;
 
 use anyhow::{Result, bail};
 use gonio::estimate::{
-    Alignment, Colouring, ColouringRule, Doubt, Estimate, EstimateSettings, LitEstimate, Material,
+    Alignment, Colouring, ColouringRule, Diagnostic, Estimate, EstimateSettings, LitEstimate, Material,
     estimate as estimate_blind, estimate_under,
 };
 use gonio::model::Model;
 use gonio::reflectance::BivariateTable;
-use gonio::scene::{NormalPicture, Object, ObservationSettings, Sighting};
+use gonio::scene::{Detection, NormalPicture, Object, ObservationSettings};
 use serde::Serialize;
 
 use super::colour::RgbErrors;
@@ -156,7 +156,7 @@ impl<'a> Study<'a> {
     }
 
     fn record(&self, seen: usize, found: &Found, seconds: f64) -> Result<Record> {
-        let Found { material, misfit, doubts, colouring, median } = found;
+        let Found { material, misfit, diagnostics, colouring, median } = found;
         let (object, cells, table) = (self.object, &self.cells, &material.table);
         let quantiles = several::quantiles(material)?;
         Ok(Record {
@@ -172,7 +172,7 @@ impl<'a> Study<'a> {
             coverage: judge::coverage(cells, table, &quantiles),
             rgb: RgbErrors::of(object, seen, (table, colouring, median)),
             misfit: *misfit,
-            warnings: doubts.iter().map(ToString::to_string).collect(),
+            warnings: diagnostics.iter().map(ToString::to_string).collect(),
             seconds,
         })
     }
@@ -182,7 +182,7 @@ impl<'a> Study<'a> {
 struct Found {
     material: Material,
     misfit: f64,
-    doubts: Vec<Doubt>,
+    diagnostics: Vec<Diagnostic>,
     colouring: Colouring,
     /// The median colour of the photograph.
     median: Colouring,
@@ -192,25 +192,25 @@ struct Found {
 /// `lit`.
 fn estimate(object: &Captured, seen: usize, model: &Model, lit: bool) -> Result<Found> {
     let normals = NormalPicture { normals: object.normals.clone(), camera: None, relief: None, trusted: false };
-    let sighting = Sighting::of(
+    let detection = Detection::of(
         &object.photographs[seen].picture,
         Some(object.mask.clone()),
         Object::Normals(Box::new(normals)),
         &ObservationSettings::default(),
     )?;
-    let median = |table: &BivariateTable| Colouring::of(model, &sighting.observations, table, &ColouringRule::Median);
+    let median = |table: &BivariateTable| Colouring::of(model, &detection.observations, table, &ColouringRule::Median);
     if lit {
         let map = map_of(&object.photographs[seen].lights)?;
         let given = (&map, Alignment::Near);
-        let found = estimate_under(model, &sighting.observations, given, &ColouringRule::default(), &|_| ())?;
-        let (doubts, median) = (found.doubts(), median(&found.material.table));
+        let found = estimate_under(model, &detection.observations, given, &ColouringRule::default(), &|_| ())?;
+        let (diagnostics, median) = (found.diagnostics(), median(&found.material.table));
         let LitEstimate { material, misfit, colouring, .. } = found;
-        return Ok(Found { material, misfit, doubts, colouring, median });
+        return Ok(Found { material, misfit, diagnostics, colouring, median });
     }
-    let found = estimate_blind(model, &sighting.observations, &EstimateSettings::default(), &|_| ())?;
-    let (doubts, median) = (found.doubts(), median(&found.material.table));
+    let found = estimate_blind(model, &detection.observations, &EstimateSettings::default(), &|_| ())?;
+    let (diagnostics, median) = (found.diagnostics(), median(&found.material.table));
     let Estimate { material, light, colouring, .. } = found;
-    Ok(Found { material, misfit: light.misfit, doubts, colouring, median })
+    Ok(Found { material, misfit: light.misfit, diagnostics, colouring, median })
 }
 
 /// 5, 50 and 95 % quantiles of [`judge::gloss`] under the posterior.

@@ -67,7 +67,7 @@ impl ColourEstimator {
         if self == Self::KnownLight {
             let rule = ColouringRule::default();
             let found = estimate_under(model, observations, (light, Alignment::Fixed), &rule, &|_| ())?;
-            let warned = !found.doubts().is_empty();
+            let warned = !found.diagnostics().is_empty();
             return Ok((found.material, found.colouring, warned));
         }
         let material = Material::of(model, observations, SIDE)?;
@@ -77,7 +77,7 @@ impl ColourEstimator {
             _ => ColouringRule::Median,
         };
         let colouring = Colouring::of(model, observations, &material.table, &rule);
-        let warned = !material.doubts().is_empty();
+        let warned = !material.diagnostics().is_empty();
         Ok((material, colouring, warned))
     }
 

@@ -4,11 +4,11 @@ use maud::{Markup, html};
 
 use super::recovery::{Estimate, Recovered};
 use super::show;
-use super::workshop::{LIGHTS, Material, NOVEL, Workshop};
+use super::workshop::{LIGHTS, Material, NOVEL, PaperContext};
 use crate::metrics;
 use gonio_report::page::{figure, table};
 
-pub(super) fn section(workshop: &Workshop, recovered: &[Recovered]) -> Markup {
+pub(super) fn section(workshop: &PaperContext, recovered: &[Recovered]) -> Markup {
     let pairs = || workshop.materials.iter().zip(recovered);
     let mut rows: Vec<Vec<String>> = pairs()
         .flat_map(|(material, r)| {
@@ -92,7 +92,7 @@ fn card(material: &Material, recovered: &Recovered, light: usize) -> Markup {
 }
 
 /// Returns a sentence that summarises the errors.
-fn verdict(workshop: &Workshop, recovered: &[Recovered]) -> String {
+fn verdict(workshop: &PaperContext, recovered: &[Recovered]) -> String {
     let mut cells: Vec<(f64, String)> = workshop
         .materials
         .iter()

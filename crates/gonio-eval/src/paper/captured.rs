@@ -14,7 +14,7 @@ use rayon::prelude::*;
 
 use super::show;
 use super::step;
-use super::workshop::Workshop;
+use super::workshop::PaperContext;
 use crate::captured::{Captured, Cell, reflected};
 use crate::metrics::{self, Relight};
 use gonio_report::page::chart::{self, Axis, Series};
@@ -45,7 +45,7 @@ struct Prediction {
     error: Relight,
 }
 
-pub(super) fn section(workshop: &Workshop) -> Result<Markup> {
+pub(super) fn section(workshop: &PaperContext) -> Result<Markup> {
     let ball = read(&workshop.data)?;
     let estimates = (0..LIGHTS.len()).map(|i| infer(workshop, &ball, i)).collect::<Result<Vec<_>>>()?;
     let mean = workshop.training_mean()?;
@@ -140,7 +140,7 @@ fn better_than_blind(ours: f64, trivial: &[(&str, f64)]) -> String {
     }
 }
 
-fn infer(workshop: &Workshop, ball: &Captured, i: usize) -> Result<Estimate> {
+fn infer(workshop: &PaperContext, ball: &Captured, i: usize) -> Result<Estimate> {
     let name = format!("captured/ball/{}.exr", LIGHTS[i]);
     step(&format!("Fig. 6, {}", LIGHTS[i]), || {
         let settings = ObservationSettings::default();

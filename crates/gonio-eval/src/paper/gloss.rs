@@ -3,12 +3,12 @@
 use maud::{Markup, html};
 
 use super::recovery::Recovered;
-use super::workshop::{LIGHTS, Workshop};
+use super::workshop::{LIGHTS, PaperContext};
 use crate::metrics::{Gloss, spearman};
 use gonio_report::page::chart::{self, Axis, Frame, Series};
 use gonio_report::page::{figure, table};
 
-pub(super) fn section(workshop: &Workshop, recovered: &[Recovered]) -> Markup {
+pub(super) fn section(workshop: &PaperContext, recovered: &[Recovered]) -> Markup {
     let truth: Vec<Gloss> = workshop.materials.iter().map(|m| Gloss::of(&m.truth)).collect();
     let found: Vec<Vec<Gloss>> =
         (0..LIGHTS.len()).map(|i| recovered.iter().map(|r| Gloss::of(&r.estimates[i].table)).collect()).collect();

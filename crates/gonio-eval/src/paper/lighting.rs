@@ -10,7 +10,7 @@ use maud::{Markup, html};
 use rayon::prelude::*;
 
 use super::step;
-use super::workshop::{LIGHTS, Workshop};
+use super::workshop::{LIGHTS, PaperContext};
 use crate::data;
 use gonio_report::page::chart::{self, Axis, Histogram, Series};
 use gonio_report::page::figure;
@@ -27,7 +27,7 @@ const GROUPS: [PriorGroup; 6] = [
     PriorGroup::Fine { scale: 5 },
 ];
 
-pub(super) fn section(workshop: &Workshop) -> Result<Markup> {
+pub(super) fn section(workshop: &PaperContext) -> Result<Markup> {
     let lights = step("Fig. 2, training lights", || coefficients(workshop))?;
     let prior = &workshop.model.light;
     let all = PriorGroup::all(prior.scales);
@@ -53,7 +53,7 @@ pub(super) fn section(workshop: &Workshop) -> Result<Markup> {
 }
 
 /// Reads the training lights and returns their normalised coefficients.
-fn coefficients(workshop: &Workshop) -> Result<Vec<Vec<f64>>> {
+fn coefficients(workshop: &PaperContext) -> Result<Vec<Vec<f64>>> {
     let folder = workshop.data.join("lighting/train");
     let entries = std::fs::read_dir(&folder).with_context(|| folder.display().to_string())?;
     let mut paths = entries.map(|e| Ok(e?.path())).collect::<std::io::Result<Vec<_>>>()?;
@@ -100,7 +100,7 @@ fn density(group: PriorGroup, samples: &[f64], log_density: impl Fn(f64) -> f64)
     )
 }
 
-fn octahedral(workshop: &Workshop) -> Result<Markup> {
+fn octahedral(workshop: &PaperContext) -> Result<Markup> {
     let (file, name) = LIGHTS[0];
     let light = workshop.test_lights.map(file)?;
     let map = workshop.model.light.map;

@@ -24,7 +24,7 @@ use anyhow::{Result, bail};
 use maud::html;
 
 use gonio_report::page::{Section, document};
-use workshop::Workshop;
+use workshop::PaperContext;
 
 /// Options of `gonio-eval paper`.
 #[derive(clap::Args)]
@@ -70,7 +70,7 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
     if !folder.is_dir() || options.output.is_dir() {
         bail!("{}: specify a file in an existing folder", options.output.display());
     }
-    let workshop = step("data", || Workshop::open(data, options))?;
+    let workshop = step("data", || PaperContext::open(data, options))?;
     let mut sections = Vec::new();
     let mut add = |id: &str, title: &str, body| sections.push(Section { id: id.into(), title: title.into(), body });
     add("trivial", "Fig. 1: the single best explanation", trivial::section(&workshop)?);

@@ -8,7 +8,7 @@ use gonio::scene::{ObservationSettings, sphere_points};
 
 use super::show;
 use super::step;
-use super::workshop::{LIGHTS, Workshop};
+use super::workshop::{LIGHTS, PaperContext};
 use crate::metrics::{self, Relight};
 
 /// Estimate of one material under one light.
@@ -36,7 +36,7 @@ pub(super) struct Recovered {
 }
 
 /// Estimates every material under every light, in the order of the materials of the workshop.
-pub(super) fn recover(workshop: &Workshop) -> Result<Vec<Recovered>> {
+pub(super) fn recover(workshop: &PaperContext) -> Result<Vec<Recovered>> {
     let points = sphere_points(&ObservationSettings::default());
     let plan = step("plan of a sphere", || workshop.plan(&points))?;
     let settings = show::settings(show::SPHERE, true);

@@ -14,7 +14,7 @@ use maud::{Markup, html};
 
 use super::show::{self, Green};
 use super::step;
-use super::workshop::{Material, Workshop};
+use super::workshop::{Material, PaperContext};
 use crate::bases::Trained;
 use crate::metrics;
 use gonio_report::page::chart::{self, Axis, Histogram, Series};
@@ -42,7 +42,7 @@ struct Errors {
     rms: Vec<f64>,
 }
 
-pub(super) fn section(workshop: &Workshop) -> Result<Markup> {
+pub(super) fn section(workshop: &PaperContext) -> Result<Markup> {
     let green: Vec<(String, BivariateTable)> = workshop
         .all
         .names
@@ -132,7 +132,7 @@ fn rms(a: &BivariateTable, b: &BivariateTable) -> f64 {
     (sum / count).sqrt()
 }
 
-fn spheres(workshop: &Workshop, material: &Material, bases: &[Trained], fits: &[(String, Fit)]) -> Result<Markup> {
+fn spheres(workshop: &PaperContext, material: &Material, bases: &[Trained], fits: &[(String, Fit)]) -> Result<Markup> {
     let name = material.name;
     let reference = workshop.all.green(workshop.all.index(name)?);
     let truth = show::sphere(&Green(&material.full), &workshop.novel);

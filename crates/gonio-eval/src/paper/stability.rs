@@ -10,7 +10,7 @@ use maud::{Markup, html};
 
 use super::recovery::Recovered;
 use super::show;
-use super::workshop::{LIGHTS, Material, Workshop};
+use super::workshop::{LIGHTS, Material, PaperContext};
 use crate::metrics;
 use gonio_report::page::figure;
 
@@ -27,7 +27,7 @@ const SIZE: usize = 96;
 /// Rows of the maps of the lights.
 const HEIGHT: usize = 180;
 
-pub(super) fn section(workshop: &Workshop, recovered: &[Recovered]) -> Markup {
+pub(super) fn section(workshop: &PaperContext, recovered: &[Recovered]) -> Markup {
     let lamps: Vec<LightTree> = ANGLES.iter().map(|a| lamp(*a)).collect();
     let pairs = || workshop.materials.iter().zip(recovered);
     let cards: Vec<Markup> = pairs().map(|(material, r)| card(material, r, &lamps)).collect();

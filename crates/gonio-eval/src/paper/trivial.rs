@@ -15,7 +15,7 @@ use rayon::prelude::*;
 
 use super::show;
 use super::step;
-use super::workshop::{LIGHTS, Material, NOVEL, Workshop};
+use super::workshop::{LIGHTS, Material, NOVEL, PaperContext};
 use crate::metrics::Gloss;
 use gonio_report::page::chart::{self, Axis, Frame, Series};
 use gonio_report::page::{figure, table};
@@ -65,7 +65,7 @@ fn detail(light: &[f64]) -> f64 {
     (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
 }
 
-pub(super) fn section(workshop: &Workshop) -> Result<Markup> {
+pub(super) fn section(workshop: &PaperContext) -> Result<Markup> {
     let light = &workshop.lights[0];
     let grid = workshop.test_lights.map(LIGHTS[0].0)?.to_grid(OctahedralMap::default(), SIDE);
     let true_light = grid.normalised_coefficients().context("a black light")?;
@@ -92,7 +92,12 @@ pub(super) fn section(workshop: &Workshop) -> Result<Markup> {
     })
 }
 
-fn of_material(workshop: &Workshop, material: &Material, projected: &Projected, true_light: &[f64]) -> Result<Markup> {
+fn of_material(
+    workshop: &PaperContext,
+    material: &Material,
+    projected: &Projected,
+    true_light: &[f64],
+) -> Result<Markup> {
     let name = material.name;
     let held = |noise: f64| {
         let shape = HOLD * projected.pixels as f64;
@@ -188,7 +193,7 @@ fn of_material(workshop: &Workshop, material: &Material, projected: &Projected, 
 
 /// Strips of spheres in the novel light, the truth first, for each method.
 fn pictures(
-    workshop: &Workshop,
+    workshop: &PaperContext,
     full: &gonio::reflectance::MerlTable,
     joints: &[Explanation],
     separables: &[Explanation],

@@ -42,7 +42,7 @@ pub(super) struct Material {
 }
 
 /// Data and settings of a report.
-pub(super) struct Workshop {
+pub(super) struct PaperContext {
     pub(super) data: PathBuf,
     pub(super) model: Model,
     /// The whole database.
@@ -61,7 +61,7 @@ pub(super) struct Workshop {
     method: Method,
 }
 
-impl Workshop {
+impl PaperContext {
     pub(super) fn open(folder: &Path, options: &Options) -> Result<Self> {
         let (all, test_lights) = (Materials::open(folder, options.merl.as_deref())?, Lights::open(folder)?);
         let mut spread = Vec::new();

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use gonio::bracket::{Codes, Exposure};
 use gonio::picture::{Picture, Plane};
-use gonio::remedy::Remedy;
+use gonio::suggestion::Suggestion;
 use image::DynamicImage;
 use image::metadata::Orientation;
 
@@ -134,7 +134,8 @@ fn space_of(stated: Stated, is_grey: bool, given: Option<ColourSpace>) -> (Conve
 
 fn not_coded(path: &Path) -> Error {
     let advice = "use integer images as exposures of one scene";
-    Error::unsupported(path, "contains radiance instead of 8- or 16-bit codes", advice).with_remedy(Remedy::Separately)
+    Error::unsupported(path, "contains radiance instead of 8- or 16-bit codes", advice)
+        .with_suggestion(Suggestion::Separately)
 }
 
 fn codes_of(
@@ -213,7 +214,7 @@ fn assemble(files: Vec<(&Path, Coded)>, options: &BracketOptions) -> Result<Brac
 
 fn amounts(files: &[(&Path, Coded)], times: Option<&[f64]>) -> Result<Vec<f64>, Error> {
     let by_hand = |path: &Path, problem: String| {
-        Error::invalid(path, problem, "specify the times of all files").with_remedy(Remedy::Times)
+        Error::invalid(path, problem, "specify the times of all files").with_suggestion(Suggestion::Times)
     };
     if let Some(times) = times {
         if let Some((path, _)) = files.get(times.len()) {

@@ -16,7 +16,7 @@ use gonio::lighting::{EnvironmentMap, LightGrid, lamp_light, sky_light};
 use gonio::picture::{Picture, Plane, luminance};
 use gonio::reflectance::BivariateTable;
 use gonio::render::Exposure;
-use gonio::scene::Sighting;
+use gonio::scene::Detection;
 
 use crate::canvas::PAPER;
 pub use light::{dark_studio, display, resolution};
@@ -40,7 +40,7 @@ pub struct Subject<'a> {
     /// The photograph.
     pub picture: &'a Picture,
     /// Location and observations of the object in it.
-    pub sighting: &'a Sighting,
+    pub detection: &'a Detection,
     /// Whether the reproduction includes self-shadowing.
     pub shadows: bool,
     /// Chroma of the inferred reflectance in every cell.
@@ -100,8 +100,8 @@ impl Panels {
     /// Draws all pictures; `progress` receives a fraction in 0..=1.
     pub fn draw(subject: &Subject<'_>, progress: &(dyn Fn(f64) + Sync)) -> Self {
         let view = View::of(subject);
-        let fates = subject.sighting.observations.fates.as_deref();
-        let input = view.cut(&repaired::repaired(subject.picture, fates), PANEL);
+        let statuses = subject.detection.observations.statuses.as_deref();
+        let input = view.cut(&repaired::repaired(subject.picture, statuses), PANEL);
         let exposure = Exposure::own(&input.rgb, |i| is_covered(&input, i));
         let model = reproduction(subject, &view, &input);
         progress(0.3);
@@ -158,7 +158,7 @@ fn reproduction(subject: &Subject<'_>, view: &View<'_>, input: &Picture) -> Pict
 fn observed(subject: &Subject<'_>, view: &View<'_>, photograph: &Plane<Vec3>) -> Plane<Vec3> {
     let side = PANEL;
     let mut out = photograph.map(|p| 0.6 * *p);
-    let observations = &subject.sighting.observations;
+    let observations = &subject.detection.observations;
     for (at, value) in observations.pixels.iter().zip(&observations.values) {
         let (x, y) = view.shown(*at, side);
         if x >= 0.0 && y >= 0.0 && (x as usize) < side && (y as usize) < side {

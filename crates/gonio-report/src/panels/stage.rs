@@ -6,7 +6,7 @@ use glam::{DVec3, Vec3, Vec3A};
 use gonio::lighting::EnvironmentMap;
 use gonio::picture::{Picture, Plane, luminance};
 use gonio::reflectance::BivariateTable;
-use gonio::render::{Brdf, LightTree, Lobe, LobeSettings, PrefilteredLight};
+use gonio::render::{Brdf, HalfVectorSampler, LightTree, PrefilteredLight, SamplerSettings};
 use gonio::shape::{SurfacePoint, Visibility};
 use rayon::prelude::*;
 
@@ -109,7 +109,7 @@ fn cover(row: usize, column: usize) -> f32 {
 struct Lit<'a> {
     stage: &'a Stage,
     glosses: Vec<Gloss>,
-    rest: Lobe,
+    rest: HalfVectorSampler,
     /// Radiance of the smooth lobes on the grid of normals, in which the distance from the centre
     /// is the angle to the camera. The values of all materials at a point are contiguous.
     dome: Vec<Vec3A>,
@@ -120,7 +120,7 @@ impl<'a> Lit<'a> {
         let (glosses, rest): (Vec<Gloss>, Vec<[BivariateTable; 3]>) =
             materials.iter().map(|tables| split(tables, RADIUS.recip() as f32)).unzip();
         let brdfs: Vec<&dyn Brdf> = rest.iter().map(|tables| tables as &dyn Brdf).collect();
-        let lobe = Lobe::new(&brdfs, &stage.smooth, LobeSettings::FINE);
+        let lobe = HalfVectorSampler::new(&brdfs, &stage.smooth, SamplerSettings::FINE);
         let point = |at: usize| {
             let place = |i: usize| f64::from((i as f32 - 0.5 * (DOME - 1) as f32) * DOME_STEP);
             let (x, y) = (place(at % DOME), -place(at / DOME));

@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 use gonio::picture::Plane;
-use gonio::scene::Fate;
+use gonio::scene::PixelStatus;
 
 use super::view::View;
 use super::{PANEL, Subject};
@@ -18,13 +18,13 @@ pub struct Mark {
     pub label: &'static str,
     /// Colour of the pixels in the picture, linear.
     pub colour: Vec3,
-    fates: &'static [Fate],
+    statuses: &'static [PixelStatus],
 }
 
 impl Mark {
-    /// Whether the reason covers this fate.
-    pub fn marks(&self, fate: Fate) -> bool {
-        self.fates.contains(&fate)
+    /// Whether the reason covers this status.
+    pub fn marks(&self, status: PixelStatus) -> bool {
+        self.statuses.contains(&status)
     }
 }
 
@@ -34,46 +34,46 @@ pub const MARKS: [Mark; 7] = [
     Mark {
         label: "negative, NaN or infinite",
         colour: Vec3::new(0.9, 0.02, 0.6),
-        fates: &[Fate::Negative, Fate::NotFinite],
+        statuses: &[PixelStatus::Negative, PixelStatus::NotFinite],
     },
-    Mark { label: "outlier (hot, dead)", colour: Vec3::new(0.02, 0.75, 0.8), fates: &[Fate::Outlier] },
-    Mark { label: "dark speck", colour: Vec3::new(0.05, 0.7, 0.1), fates: &[Fate::Speck] },
-    Mark { label: "clipped", colour: Vec3::new(0.95, 0.08, 0.05), fates: &[Fate::Clipped] },
-    Mark { label: "another colour", colour: Vec3::new(0.03, 0.22, 0.95), fates: &[Fate::OtherColour] },
-    Mark { label: "at an edge", colour: Vec3::new(0.85, 0.55, 0.02), fates: &[Fate::Edge] },
-    Mark { label: "no valid normal", colour: Vec3::new(0.3, 0.3, 0.3), fates: &[Fate::NoNormal] },
+    Mark { label: "outlier (hot, dead)", colour: Vec3::new(0.02, 0.75, 0.8), statuses: &[PixelStatus::Outlier] },
+    Mark { label: "dark speck", colour: Vec3::new(0.05, 0.7, 0.1), statuses: &[PixelStatus::Speck] },
+    Mark { label: "clipped", colour: Vec3::new(0.95, 0.08, 0.05), statuses: &[PixelStatus::Clipped] },
+    Mark { label: "another colour", colour: Vec3::new(0.03, 0.22, 0.95), statuses: &[PixelStatus::OtherColour] },
+    Mark { label: "at an edge", colour: Vec3::new(0.85, 0.55, 0.02), statuses: &[PixelStatus::Edge] },
+    Mark { label: "no valid normal", colour: Vec3::new(0.3, 0.3, 0.3), statuses: &[PixelStatus::NoNormal] },
 ];
 
 /// Draws the photograph with marks on ignored pixels, dark outside of the used pixels. Returns
-/// `None` if the observations have no fates.
+/// `None` if the observations have no statuses.
 pub(super) fn draw(subject: &Subject<'_>, view: &View<'_>, photograph: &Plane<Vec3>) -> Option<Plane<Vec3>> {
-    let fates = subject.sighting.observations.fates.as_ref()?;
+    let statuses = subject.detection.observations.statuses.as_ref()?;
     let side = PANEL;
     Some(Plane::from_fn(side, side, |x, y| {
-        let found = || view.behind(x, y, side, fates.size()).map(|at| fates[at]);
-        if let Some(mark) = MARKS.iter().find(|mark| found().any(|fate| mark.marks(fate))) {
+        let found = || view.behind(x, y, side, statuses.size()).map(|at| statuses[at]);
+        if let Some(mark) = MARKS.iter().find(|mark| found().any(|status| mark.marks(status))) {
             return mark.colour;
         }
-        let used = found().any(|fate| fate == Fate::Used);
+        let used = found().any(|status| status == PixelStatus::Used);
         if used { photograph[(x, y)] } else { SHADE * photograph[(x, y)] }
     }))
 }
 
 /// Lists the reasons that occur, each with its number of pixels.
-pub fn reasons(fates: &Plane<Fate>) -> Vec<(Mark, usize)> {
-    let count = |mark: &Mark| fates.as_slice().iter().filter(|fate| mark.marks(**fate)).count();
+pub fn reasons(statuses: &Plane<PixelStatus>) -> Vec<(Mark, usize)> {
+    let count = |mark: &Mark| statuses.as_slice().iter().filter(|status| mark.marks(**status)).count();
     MARKS.iter().map(|mark| (*mark, count(mark))).filter(|(_, count)| *count > 0).collect()
 }
 
 /// Adds a legend of the colours to the picture.
-pub fn with_legend(picture: &Plane<Vec3>, fates: &Plane<Fate>) -> Plane<Vec3> {
-    let mut lines = legend(fates);
+pub fn with_legend(picture: &Plane<Vec3>, statuses: &Plane<PixelStatus>) -> Plane<Vec3> {
+    let mut lines = legend(statuses);
     lines.push((PAPER, "dark: outside the object, or at grazing angles".to_owned()));
     canvas::with_legend(picture, 0, &lines)
 }
 
 /// Returns the colours and lines of the legend: the reasons that occur, with numbers of pixels.
-pub(crate) fn legend(fates: &Plane<Fate>) -> Vec<(Vec3, String)> {
+pub(crate) fn legend(statuses: &Plane<PixelStatus>) -> Vec<(Vec3, String)> {
     let line = |(mark, count): (Mark, usize)| (mark.colour, format!("{}: {count} pixels", mark.label));
-    reasons(fates).into_iter().map(line).collect()
+    reasons(statuses).into_iter().map(line).collect()
 }

@@ -5,7 +5,7 @@ use gonio::picture::{Picture, Plane};
 use gonio::reflectance::BivariateTable;
 use gonio::scene::Circle;
 use gonio::shape::SurfacePoint;
-use gonio::shape::{Lookout, Placed, Visibility, hit_at, view_at};
+use gonio::shape::{PosedSurface, Viewpoint, Visibility, hit_at, view_at};
 use gonio::sphere::OctahedralMap;
 use rayon::prelude::*;
 
@@ -20,13 +20,13 @@ const SHADOWS: usize = 16;
 pub(crate) enum View<'a> {
     Sphere(Circle, Option<&'a Plane<f32>>),
     /// Normals, and the square frame in pixels: left, top, side.
-    Normals(&'a Plane<Vec3>, [f64; 3], Option<&'a Plane<f32>>, Option<&'a Placed>),
+    Normals(&'a Plane<Vec3>, [f64; 3], Option<&'a Plane<f32>>, Option<&'a PosedSurface>),
 }
 
 impl<'a> View<'a> {
     pub(crate) fn of(subject: &Subject<'a>) -> Self {
-        let (sighting, coverage) = (subject.sighting, subject.sighting.coverage.as_ref());
-        match (sighting.circle(), &sighting.normals) {
+        let (detection, coverage) = (subject.detection, subject.detection.coverage.as_ref());
+        match (detection.circle(), &detection.normals) {
             (Some(circle), _) => Self::Sphere(circle, coverage),
             (None, Some(normals)) => {
                 let (width, height) = normals.size();
@@ -45,10 +45,10 @@ impl<'a> View<'a> {
                     normals,
                     [centre.0 - 0.5 * side, centre.1 - 0.5 * side, side],
                     coverage,
-                    sighting.placed.as_ref().filter(|_| subject.shadows),
+                    detection.placed.as_ref().filter(|_| subject.shadows),
                 )
             }
-            (None, None) => unreachable!("a sighting has a circle or normals"),
+            (None, None) => unreachable!("a detection has a circle or normals"),
         }
     }
 
@@ -109,7 +109,7 @@ impl<'a> View<'a> {
 
     /// Returns the surface points at every `apart`th pixel of a panel, row by row; `None` where
     /// there is no surface.
-    fn points(&self, normals: &Plane<Vec3>, placed: Option<&Placed>, apart: usize) -> Vec<Option<SurfacePoint>> {
+    fn points(&self, normals: &Plane<Vec3>, placed: Option<&PosedSurface>, apart: usize) -> Vec<Option<SurfacePoint>> {
         let side = PANEL / apart;
         let coverage = self.coverage();
         let point = |i: usize| {
@@ -182,12 +182,12 @@ impl<'a> View<'a> {
                 hit_at(placed.surface.as_ref(), &placed.camera, x, y)
             });
             // A missing point has a zero normal, so no rays are traced.
-            hit.map_or(Lookout { from: DVec3::ZERO, normal: DVec3::ZERO }, |h| Lookout {
+            hit.map_or(Viewpoint { from: DVec3::ZERO, normal: DVec3::ZERO }, |h| Viewpoint {
                 from: h.clear,
                 normal: h.normal,
             })
         };
-        let lookouts: Vec<Lookout> = points.iter().enumerate().map(lookout).collect();
+        let lookouts: Vec<Viewpoint> = points.iter().enumerate().map(lookout).collect();
         Some(Visibility::trace(placed.surface.as_ref(), &lookouts, OctahedralMap::EqualArea, SHADOWS, &|_| ()))
     }
 

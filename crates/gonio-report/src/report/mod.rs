@@ -182,7 +182,7 @@ impl Report<'_> {
                 }
             },
         ));
-        pictures.push(html! { div { (counts(&self.subject.sighting.observations.report)) } });
+        pictures.push(html! { div { (counts(&self.subject.detection.observations.report)) } });
         html! {
             (figure::grid(18, &pictures))
             @if self.subject.light.is_some() {
@@ -206,8 +206,8 @@ impl Report<'_> {
 
     /// Shows the ignored pixels with the reasons; `None` if only pixels outside were ignored.
     fn used(&self) -> Option<Markup> {
-        let (picture, fates) = (self.panels.used.as_ref()?, self.subject.sighting.observations.fates.as_ref()?);
-        let reasons = used::reasons(fates);
+        let (picture, statuses) = (self.panels.used.as_ref()?, self.subject.detection.observations.statuses.as_ref()?);
+        let reasons = used::reasons(statuses);
         let dot = |colour: Vec3| {
             let [r, g, b] = colour.to_array().map(|x| (255.0 * gonio::picture::srgb_encode(x)).round());
             format!("--dot: rgb({r} {g} {b})")
@@ -459,7 +459,7 @@ pub(crate) fn hex(rgb: &[f64]) -> String {
     format!("#{r:02x}{g:02x}{b:02x}")
 }
 
-/// Formats a share as a percentage with two digits.
+/// Formats a share as a percentage, with one decimal below 10 %.
 pub(crate) fn percent(share: f64) -> String {
     let value = 100.0 * share;
     if value >= 9.95 || value == 0.0 { format!("{value:.0} %") } else { format!("{value:.1} %") }

@@ -11,7 +11,7 @@ use crate::reflectance::BivariateTable;
 use crate::render::median_colour;
 use crate::scene::Observations;
 
-use super::{Material, Tint};
+use super::{ChromaticLight, Material};
 
 /// Number of draws of the colours.
 pub(super) const COLOUR_DRAWS: usize = 128;
@@ -111,7 +111,7 @@ impl Colouring {
     ///
     /// `table` is the luminance of the material.
     #[must_use]
-    pub fn less_certain(mut self, table: &BivariateTable, tint: &Tint) -> Self {
+    pub fn less_certain(mut self, table: &BivariateTable, tint: &ChromaticLight) -> Self {
         if let Self::Estimate(found) = &mut self {
             found.add_error(table, ERROR_PER_GAP * tint.apart[1], COLOUR_SEED);
         }

@@ -1,6 +1,6 @@
 //! One material from several photographs.
 
-use super::material::Impression;
+use super::material::MaterialDraft;
 use super::{EstimateError, Material};
 use crate::inference::learnt::MaterialPosterior;
 use crate::inference::{Likelihood, ProductError};
@@ -25,5 +25,5 @@ pub fn combine(model: &Model, likelihoods: &[Likelihood]) -> Result<Combined, Es
     let learnt = model.learnt.as_ref().ok_or(EstimateError::NotLearnt)?;
     let product = Likelihood::product(learnt, likelihoods)?;
     let posterior = MaterialPosterior::of(learnt, product.likelihood).ok_or(ProductError::Damaged)?;
-    Ok(Combined { material: Impression::with(learnt, 0.0, posterior).describe(), agreement: product.agreement })
+    Ok(Combined { material: MaterialDraft::with(learnt, 0.0, posterior).describe(), agreement: product.agreement })
 }

@@ -5,9 +5,9 @@ use std::f64::consts::PI;
 use glam::{DQuat, DVec3};
 
 use super::colouring::{COLOUR_DRAWS, COLOUR_SEED};
-use super::material::Impression;
+use super::material::MaterialDraft;
 use super::misfit::MAX_NOISE;
-use super::{Colouring, ColouringRule, Doubt, EstimateError, Material, Reason, Stage};
+use super::{Colouring, ColouringRule, Diagnostic, EstimateError, Material, Reason, Stage};
 use crate::appearance::DiskImage;
 use crate::colour::{Chroma, ColourEstimate, is_grey};
 use crate::inference::known_light::{
@@ -75,21 +75,22 @@ impl LitEstimate {
     }
 
     /// Returns the diagnostics, misfit first, including the corrections of the light map.
-    pub fn doubts(&self) -> Vec<Doubt> {
+    pub fn diagnostics(&self) -> Vec<Diagnostic> {
         let (left, expected) = (self.misfit, self.expected_misfit());
-        let misfit = (left > TOO_LARGE * expected).then_some(Doubt::Misfit { left, expected, reason: Reason::Light });
+        let misfit =
+            (left > TOO_LARGE * expected).then_some(Diagnostic::Misfit { left, expected, reason: Reason::Light });
         let turn = self.turn.to_scaled_axis();
-        let turned = (self.turn != DQuat::IDENTITY).then(|| Doubt::Turned(turn.to_array().map(f64::to_degrees)));
+        let turned = (self.turn != DQuat::IDENTITY).then(|| Diagnostic::Turned(turn.to_array().map(f64::to_degrees)));
         let clipped = self.gain.filter(|(gain, sd)| *gain > BRIGHTER && gain.ln() > 2.0 * sd);
         let pixel = PI / self.map_rows as f64;
-        let coarse = (highlight(&self.material.table) < pixel).then(|| Doubt::Coarse(pixel.to_degrees()));
+        let coarse = (highlight(&self.material.table) < pixel).then(|| Diagnostic::Coarse(pixel.to_degrees()));
         let channel = self.channel_misfit.and_then(|left| {
             let worst = (0..3).max_by(|a, b| left[*a].total_cmp(&left[*b]))?;
             (left[worst] > MAX_CHANNEL_MISFIT.hypot(self.material.scatter))
-                .then_some(Doubt::Channel { channel: worst, left: left[worst] })
+                .then_some(Diagnostic::Channel { channel: worst, left: left[worst] })
         });
-        let of_light = [channel, turned, clipped.map(|(gain, sd)| Doubt::Clipped { gain, sd }), coarse];
-        misfit.into_iter().chain(of_light.into_iter().flatten()).chain(self.material.doubts()).collect()
+        let of_light = [channel, turned, clipped.map(|(gain, sd)| Diagnostic::Clipped { gain, sd }), coarse];
+        misfit.into_iter().chain(of_light.into_iter().flatten()).chain(self.material.diagnostics()).collect()
     }
 
     /// Returns the given map with the fitted gain of its clipped pixels and the fitted rotation.
@@ -166,7 +167,7 @@ pub fn estimate_under(
     let gaussian = found.gaussian()?.informed_by(&hint).ok_or(KnownLightError::Unsolvable)?;
     let likelihood = Likelihood::Gaussian(gaussian);
     let posterior = MaterialPosterior::of(learnt, likelihood).ok_or(KnownLightError::Unsolvable)?;
-    let material = Impression::with(learnt, f64::from(image.scatter), posterior).describe();
+    let material = MaterialDraft::with(learnt, f64::from(image.scatter), posterior).describe();
     let channel_misfit = channels.as_ref().map(|channels| channels.misfit);
     let colouring = match channels {
         Some(channels) => {

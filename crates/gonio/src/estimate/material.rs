@@ -1,11 +1,12 @@
 //! Material of the object.
 
 use super::colouring::DiskImages;
-use super::{Colouring, ColouringRule, Doubt, EstimateError, Highlight};
+use super::{Colouring, ColouringRule, Diagnostic, EstimateError, Highlight};
 use crate::appearance::{DiskImage, fineness};
 use crate::colour::ChromaField;
 use crate::inference::learnt::{
-    self, LearntPosterior, MaterialPosterior, Neighbour, UnshadowSettings, Unshadowed, peak_over_base, unshadow,
+    self, LearntPosterior, MaterialPosterior, Neighbour, SphereEquivalent, SphereEquivalentSettings, peak_over_base,
+    to_sphere_equivalent,
 };
 use crate::inference::{Embedding, Likelihood};
 use crate::model::Model;
@@ -35,8 +36,7 @@ pub struct Material {
     pub quantiles: Vec<Vec<f32>>,
     /// Cells that the photograph does not determine ([`MaterialPosterior::undetermined`]).
     pub undetermined: Vec<bool>,
-    /// Share of the undetermined cells in the trusted domain (both angles below 80 degrees), in
-    /// 0..=1.
+    /// Share of the trusted cells (both angles below 80 degrees) that are undetermined, 0..=1.
     pub open: f64,
     /// Measured materials of the largest weights, in descending order, at most ten. The weights of
     /// all measured materials sum to one.
@@ -62,7 +62,7 @@ pub struct Material {
     /// Number of these cells without an observation, which are interpolated.
     pub filled: usize,
     /// Mean absolute log ratio between the values of an equivalent sphere and the observed ones
-    /// ([`unshadow`]).
+    /// ([`to_sphere_equivalent`]).
     pub unshadowed: f64,
     /// Posterior of the material, and draws from it.
     pub posterior: MaterialPosterior,
@@ -80,17 +80,17 @@ impl Material {
     /// # Panics
     /// If nothing is observed.
     pub fn of(model: &Model, observations: &Observations, side: usize) -> Result<Self, EstimateError> {
-        Ok(Impression::of(model, observations, side)?.describe())
+        Ok(MaterialDraft::of(model, observations, side)?.describe())
     }
 
     /// Returns the diagnostics of the material.
-    pub fn doubts(&self) -> Vec<Doubt> {
+    pub fn diagnostics(&self) -> Vec<Diagnostic> {
         let filled = self.filled as f64 / self.normals as f64;
         [
-            (filled > 0.2).then_some(Doubt::Filled(filled)),
-            (self.strangeness > 0.05).then_some(Doubt::Strange(self.strangeness)),
-            (self.open > 0.5).then_some(Doubt::Open(self.open)),
-            (self.scatter > 0.1).then_some(Doubt::Scatter(self.scatter)),
+            (filled > 0.2).then_some(Diagnostic::Filled(filled)),
+            (self.strangeness > 0.05).then_some(Diagnostic::Strange(self.strangeness)),
+            (self.open > 0.5).then_some(Diagnostic::Open(self.open)),
+            (self.scatter > 0.1).then_some(Diagnostic::Scatter(self.scatter)),
         ]
         .into_iter()
         .flatten()
@@ -134,13 +134,13 @@ pub fn draws(
 }
 
 /// Posterior of the material, before the slow computation of its quantiles and gloss.
-pub(super) struct Impression<'a> {
+pub(super) struct MaterialDraft<'a> {
     learnt: &'a LearntPosterior,
     posterior: MaterialPosterior,
     /// Estimate, at the normal albedo [`ALBEDO`].
     pub(super) table: BivariateTable,
     /// Encoded images; `None` for several photographs or a known light.
-    images: Option<Unshadowed>,
+    images: Option<SphereEquivalent>,
     scale: f64,
     strangeness: f64,
     scatter: f64,
@@ -150,12 +150,12 @@ pub(super) struct Impression<'a> {
     unshadowed: f64,
 }
 
-impl<'a> Impression<'a> {
+impl<'a> MaterialDraft<'a> {
     pub(super) fn of(model: &'a Model, observations: &Observations, side: usize) -> Result<Self, EstimateError> {
         let learnt = model.learnt.as_ref().ok_or(EstimateError::NotLearnt)?;
         let plan = PlanSettings { side, ..PlanSettings::default() };
-        let settings = UnshadowSettings::default();
-        let unshadowed = unshadow(observations, learnt, &model.light, &plan, &settings)?;
+        let settings = SphereEquivalentSettings::default();
+        let unshadowed = to_sphere_equivalent(observations, learnt, &model.light, &plan, &settings)?;
         let reading = learnt.read(&unshadowed.image);
         let likelihood = Likelihood::Embedding(Embedding::of(reading.embedding));
         let posterior = MaterialPosterior::of(learnt, likelihood).ok_or(EstimateError::NotLearnt)?;
@@ -190,14 +190,16 @@ impl<'a> Impression<'a> {
         }
     }
 
-    fn seen(self, images: Unshadowed) -> Self {
+    fn seen(self, images: SphereEquivalent) -> Self {
         Self { images: Some(images), ..self }
     }
 
     /// Estimates the colours by a rule.
     pub(super) fn colouring(&self, model: &Model, observations: &Observations, rule: &ColouringRule) -> Colouring {
-        let images =
-            self.images.as_ref().map(|Unshadowed { image, channels, .. }| DiskImages { luminance: image, channels });
+        let images = self
+            .images
+            .as_ref()
+            .map(|SphereEquivalent { image, channels, .. }| DiskImages { luminance: image, channels });
         Colouring::of_images(model, observations, images.as_ref(), &self.table, rule)
     }
 

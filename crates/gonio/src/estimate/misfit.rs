@@ -1,6 +1,6 @@
 //! Expected residual of the photograph, given light and material.
 
-use super::{Doubt, Light, Material};
+use super::{Diagnostic, Light, Material};
 
 /// The most probable reason for a misfit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -55,10 +55,10 @@ fn expected(gloss: f64, fineness: f64, scatter: f64) -> f64 {
 }
 
 /// Returns a diagnostic if the misfit is too large.
-pub(super) fn doubt(material: &Material, light: &Light) -> Option<Doubt> {
+pub(super) fn diagnostic(material: &Material, light: &Light) -> Option<Diagnostic> {
     let (left, expected) = (light.misfit, expected_misfit(material));
     let reason = if material.scatter > 0.5 * left { Reason::Texture } else { Reason::Regions };
-    (left > TOO_LARGE * expected).then_some(Doubt::Misfit { left, expected, reason })
+    (left > TOO_LARGE * expected).then_some(Diagnostic::Misfit { left, expected, reason })
 }
 
 #[cfg(test)]

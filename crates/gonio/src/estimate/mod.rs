@@ -6,9 +6,10 @@
 //! [`estimate_together`] estimates several materials under one light. The methods of the paper,
 //! which estimate basis coefficients, are in [`inference`](crate::inference).
 
+mod chromatic_light;
 mod colouring;
 mod combine;
-mod doubt;
+mod diagnostic;
 mod highlight;
 mod known_light;
 mod light;
@@ -16,22 +17,21 @@ mod material;
 mod misfit;
 #[cfg(test)]
 mod tests;
-mod tint;
 mod together;
 
 use thiserror::Error;
 
 pub use crate::inference::known_light::Alignment;
+pub use chromatic_light::ChromaticLight;
+use chromatic_light::Rows;
 pub use colouring::{Colouring, ColouringRule};
 pub use combine::{Combined, combine};
-pub use doubt::Doubt;
+pub use diagnostic::Diagnostic;
 pub use highlight::{Highlight, WIDE};
 pub use known_light::{LitEstimate, estimate_under};
 pub use light::{Light, LightEstimator};
 pub use material::{ALBEDO, Material, SHARES, draws};
 pub use misfit::{MAX_MISFIT, Reason, expected_misfit};
-use tint::Rows;
-pub use tint::Tint;
 pub use together::{Beside, estimate_together, irradiance};
 
 use crate::inference::ProductError;
@@ -40,7 +40,7 @@ use crate::inference::light::LightError;
 use crate::model::Model;
 use crate::reflectance::BivariateTable;
 use crate::scene::Observations;
-use material::Impression;
+use material::MaterialDraft;
 
 /// Settings of [`estimate`].
 #[derive(Clone, Debug, PartialEq)]
@@ -72,21 +72,21 @@ pub struct Estimate {
     /// Colours of both. Their intervals include the residual that the colours of the light leave.
     pub colouring: Colouring,
     /// Colours of the light in each direction; `None` if grey.
-    pub tint: Option<Tint>,
+    pub tint: Option<ChromaticLight>,
 }
 
 impl Estimate {
     /// Returns the diagnostics of the estimate.
-    pub fn doubts(&self) -> Vec<Doubt> {
-        let mut doubts = doubts(&self.material, &self.light);
-        doubts.extend(self.tint.as_ref().and_then(Tint::doubt));
-        doubts
+    pub fn diagnostics(&self) -> Vec<Diagnostic> {
+        let mut diagnostics = diagnostics(&self.material, &self.light);
+        diagnostics.extend(self.tint.as_ref().and_then(ChromaticLight::diagnostic));
+        diagnostics
     }
 }
 
 /// Returns the diagnostics of a material and its light, misfit first.
-pub fn doubts(material: &Material, light: &Light) -> Vec<Doubt> {
-    misfit::doubt(material, light).into_iter().chain(material.doubts()).collect()
+pub fn diagnostics(material: &Material, light: &Light) -> Vec<Diagnostic> {
+    misfit::diagnostic(material, light).into_iter().chain(material.diagnostics()).collect()
 }
 
 /// Stages of [`estimate`], in order.
@@ -179,7 +179,7 @@ pub fn estimate_beside<T: Send>(
 ) -> Result<(Estimate, T), EstimateError> {
     settings.check(model)?;
     progress(Stage::Material);
-    let impression = Impression::of(model, observations, settings.side)?;
+    let impression = MaterialDraft::of(model, observations, settings.side)?;
     let table = impression.table.clone();
     // The quantiles and colours of the posterior are computed in parallel with the light.
     let (light, (material, colouring, made, rows)) = rayon::join(

@@ -13,7 +13,7 @@ use crate::lighting::{EnvironmentMap, LightGrid, LightPrior, PriorSettings};
 use crate::picture::{Picture, luminance};
 use crate::reflectance::{BivariateTable, ReflectanceBasis, trusted_cells};
 use crate::render::{Accuracy, IntegratorSettings, LightTree, SphereSettings, render_sphere};
-use crate::scene::{Object, ObservationSettings, Sighting};
+use crate::scene::{Detection, Object, ObservationSettings};
 use crate::sphere::OctahedralMap;
 use crate::transfer::{QuadratureSettings, predict};
 
@@ -41,7 +41,7 @@ fn photograph(material: usize, colour: Vec3) -> Picture {
 
 fn observations(picture: &Picture) -> Observations {
     let settings = ObservationSettings { normals: 3000, ..ObservationSettings::default() };
-    Sighting::of(picture, None, Object::Sphere(None), &settings).unwrap().observations
+    Detection::of(picture, None, Object::Sphere(None), &settings).unwrap().observations
 }
 
 fn settings() -> EstimateSettings {
@@ -229,7 +229,7 @@ fn known_light_recovers_material_and_scale() {
     };
     let found = under(&light_map(100));
     let truth = WORLD.table(&WORLD.entries[2]);
-    assert!(found.doubts().is_empty() && found.settled && found.misfit < 0.05, "{}", found.misfit);
+    assert!(found.diagnostics().is_empty() && found.settled && found.misfit < 0.05, "{}", found.misfit);
     let albedo = found.exposure * ALBEDO / truth.normal_albedo();
     assert!((albedo - 1.0).abs() < 0.05, "{albedo}");
     let ordered = |c: usize| found.material.quantiles.windows(2).all(|pair| pair[0][c] < pair[1][c]);
@@ -239,7 +239,8 @@ fn known_light_recovers_material_and_scale() {
 
     // The light of another place leaves a large misfit, which is reported.
     let other = under(&light_map(101));
-    let reported = other.doubts().into_iter().find(|d| matches!(d, Doubt::Misfit { reason: Reason::Light, .. }));
+    let reported =
+        other.diagnostics().into_iter().find(|d| matches!(d, Diagnostic::Misfit { reason: Reason::Light, .. }));
     assert!(reported.is_some(), "{} {}", other.misfit, other.expected_misfit());
 }
 
@@ -303,8 +304,8 @@ fn rejects_likelihoods_without_a_product() {
 
 #[test]
 fn diagnostics_contain_their_percentages() {
-    let text =
-        [Doubt::Filled(0.4), Doubt::Strange(0.12), Doubt::Open(0.6), Doubt::Scatter(0.23)].map(|d| d.to_string());
+    let text = [Diagnostic::Filled(0.4), Diagnostic::Strange(0.12), Diagnostic::Open(0.6), Diagnostic::Scatter(0.23)]
+        .map(|d| d.to_string());
     assert!(text[0].contains("40 %") && text[1].contains("12 %") && text[2].contains("60 %"), "{text:?}");
     assert!(text[3].contains("23 %"), "{text:?}");
 }
@@ -322,10 +323,10 @@ fn warns_about_a_ball_of_two_materials() {
         }
     }
     let found = |picture: &Picture| estimate(&model, &observations(picture), &settings(), &|_| ()).unwrap();
-    let misfit = |found: &Estimate| found.doubts().into_iter().find(|d| matches!(d, Doubt::Misfit { .. }));
+    let misfit = |found: &Estimate| found.diagnostics().into_iter().find(|d| matches!(d, Diagnostic::Misfit { .. }));
     let (one, two) = (found(&picture), found(&painted));
     assert_eq!(misfit(&one), None, "{}", one.light.misfit);
     let reported = misfit(&two).unwrap_or_else(|| panic!("{} {}", two.light.misfit, expected_misfit(&two.material)));
-    assert!(matches!(reported, Doubt::Misfit { reason: Reason::Regions, .. }), "{reported}");
+    assert!(matches!(reported, Diagnostic::Misfit { reason: Reason::Regions, .. }), "{reported}");
     assert!(reported.to_string().contains("several materials"), "{reported}");
 }

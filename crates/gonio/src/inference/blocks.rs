@@ -1,9 +1,9 @@
 //! Minimises `C_KL` by block updates and Newton steps: the minima of Algorithm 1 in a fraction of
 //! the time.
 
+use super::component_switch::component_switch;
 use super::coordinate::round;
 use super::grams::Grams;
-use super::leap::leap;
 use super::variational::{Run, SETTLED, VariationalSettings};
 use super::{Ensemble, Expectations, Problem};
 
@@ -62,7 +62,7 @@ pub(super) fn run(
 /// Moves every light coefficient to its best component. Returns the ensemble and its cost.
 fn leap_all(problem: &Problem<'_>, ensemble: &Ensemble, grams: &Grams) -> (Ensemble, f64) {
     let now = Expectations::new(problem, ensemble);
-    let (ensemble, now) = leap(problem, ensemble, now, &grams.columns);
+    let (ensemble, now) = component_switch(problem, ensemble, now, &grams.columns);
     let cost = now.cost(problem);
     (ensemble, cost)
 }

@@ -12,6 +12,7 @@
 //! of the BRDF and the posterior of the light.
 
 mod blocks;
+mod component_switch;
 mod coordinate;
 mod ensemble;
 #[cfg(test)]
@@ -20,7 +21,6 @@ mod expectations;
 mod grams;
 mod joint_map;
 pub mod known_light;
-mod leap;
 pub mod learnt;
 pub mod light;
 mod light_system;

@@ -1,6 +1,6 @@
 //! Algorithm 1 as printed in the paper: parallel updates of all parameters and a line search.
 
-use super::leap::leap_at_once;
+use super::component_switch::leap_at_once;
 use super::variational::{Run, SETTLED, Solver, VariationalSettings};
 use super::{Ensemble, Expectations, Problem};
 

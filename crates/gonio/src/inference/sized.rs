@@ -4,7 +4,7 @@
 use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 
-use super::leap::alone;
+use super::component_switch::alone;
 use super::variational::end;
 use super::*;
 use crate::lighting::LightPrior;

@@ -60,7 +60,8 @@ impl VariationalSettings {
 
 /// Number of consecutive changes below the tolerance after which a noise level has converged.
 pub(super) const SETTLED: usize = 3;
-/// A finished start.
+
+/// Result of one random start.
 pub(super) struct Run {
     pub(super) ensemble: Ensemble,
     /// Cost at the start and after every iteration.

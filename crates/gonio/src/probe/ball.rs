@@ -72,7 +72,7 @@ impl MirrorBall {
 
     /// Detects the ball in a picture, unless its circle is given.
     ///
-    /// As in [`Sighting::of`](crate::scene::Sighting::of), the outline comes from the mask, the
+    /// As in [`Detection::of`](crate::scene::Detection::of), the outline comes from the mask, the
     /// alpha channel, a plain background, or edges.
     ///
     /// # Errors

@@ -4,10 +4,10 @@ use std::fmt;
 
 use thiserror::Error;
 
-use crate::remedy::Remedy;
 use crate::scene::SceneError;
+use crate::suggestion::Suggestion;
 
-/// Error of unwrapping a mirror ball; [`ProbeError::remedies`] lists suggestions.
+/// Error of unwrapping a mirror ball; [`ProbeError::suggestions`] lists suggestions.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum ProbeError {
     /// The ball was not detected.
@@ -65,15 +65,15 @@ pub enum ProbeError {
 
 impl ProbeError {
     /// Lists suggestions, the most probable first.
-    pub fn remedies(&self) -> Vec<Remedy> {
+    pub fn suggestions(&self) -> Vec<Suggestion> {
         match self {
             // A mirror ball cannot have another shape.
             Self::Scene(error) => error
-                .remedies()
+                .suggestions()
                 .into_iter()
-                .filter(|remedy| matches!(remedy, Remedy::Outline | Remedy::Mask | Remedy::Camera))
+                .filter(|suggestion| matches!(suggestion, Suggestion::Outline | Suggestion::Mask | Suggestion::Camera))
                 .collect(),
-            Self::Turn { .. } => vec![Remedy::Turn],
+            Self::Turn { .. } => vec![Suggestion::Turn],
             _ => Vec::new(),
         }
     }

@@ -5,7 +5,7 @@ use faer::Mat;
 use super::View;
 use crate::linalg::solve_positive;
 use crate::picture::luminance;
-use crate::scene::Fate;
+use crate::scene::PixelStatus;
 
 /// Share of the variation explained by smooth shading above which a ball appears matte. Matte balls
 /// reach 0.99: shading by any light has hardly more than nine harmonics of the normal (Ramamoorthi
@@ -21,7 +21,14 @@ const PIXELS: usize = 4000;
 /// Returns `None` if the share is too small for a matte ball.
 pub(super) fn matte(view: &View) -> Option<f64> {
     let width = view.rgb().width();
-    let used = || view.fates().as_slice().iter().enumerate().filter(|(_, fate)| **fate == Fate::Used).map(|(i, _)| i);
+    let used = || {
+        view.statuses()
+            .as_slice()
+            .iter()
+            .enumerate()
+            .filter(|(_, status)| **status == PixelStatus::Used)
+            .map(|(i, _)| i)
+    };
     let step = (used().count() / PIXELS).max(1);
     let mut gram = Mat::<f64>::zeros(9, 9);
     let mut right = vec![0.0; 9];

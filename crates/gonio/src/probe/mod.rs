@@ -37,7 +37,7 @@ pub use view::View;
 
 use crate::lighting::EnvironmentMap;
 use crate::picture::{Plane, luminance};
-use crate::scene::Fate;
+use crate::scene::PixelStatus;
 use turn::{compare, find_turn, solid_angle};
 use unwrap::{Texel, unwrap};
 
@@ -171,9 +171,10 @@ fn merged(first: &Texel, second: &Texel, brightness: f64) -> Texel {
 
 impl View {
     /// Lists the warnings about the view.
-    pub fn oddities(&self) -> Vec<ProbeOddity> {
-        let used = self.count(&[Fate::Used, Fate::Clipped]);
-        let (clipped, faulty) = (self.count(&[Fate::Clipped]), self.count(&[Fate::Negative, Fate::NotFinite]));
+    pub fn scene_warnings(&self) -> Vec<ProbeOddity> {
+        let used = self.count(&[PixelStatus::Used, PixelStatus::Clipped]);
+        let (clipped, faulty) =
+            (self.count(&[PixelStatus::Clipped]), self.count(&[PixelStatus::Negative, PixelStatus::NotFinite]));
         let clipped = (clipped > 0).then_some(ProbeOddity::Clipped { clipped, used });
         let faulty = (faulty > 0).then_some(ProbeOddity::Faulty { faulty, used });
         clipped.into_iter().chain(faulty).chain(matte::matte(self).map(ProbeOddity::Matte)).collect()
@@ -182,7 +183,7 @@ impl View {
 
 impl ProbeReport {
     /// Lists the warnings about the probe.
-    pub fn oddities(&self) -> Vec<ProbeOddity> {
+    pub fn scene_warnings(&self) -> Vec<ProbeOddity> {
         let unseen = (self.unseen > MUCH_UNSEEN).then_some(ProbeOddity::Unseen(self.unseen));
         let unlike =
             self.views.filter(|views| views.difference > MOST_DIFFERENCE || views.correlation < LEAST_CORRELATION);

@@ -6,7 +6,7 @@ use super::ball::MirrorBall;
 use super::unwrap::CAMERA;
 use super::{ProbeError, Reflectance};
 use crate::picture::{Picture, Plane};
-use crate::scene::{COVERED, Fate, Object, check_size, clip_level, is_clipped};
+use crate::scene::{COVERED, Object, PixelStatus, check_size, clip_level, is_clipped};
 
 /// Width of the ignored rim, in pixels: pixels there mix the ball with its background.
 const RIM: f64 = 1.5;
@@ -18,7 +18,7 @@ const RIM_SHARE: f64 = 0.005;
 pub struct View {
     rgb: Plane<Vec3>,
     ball: MirrorBall,
-    fates: Plane<Fate>,
+    statuses: Plane<PixelStatus>,
     /// Cosine between normal and view direction at the inner edge of the rim.
     least_cosine: f64,
 }
@@ -55,22 +55,22 @@ impl View {
         let within = 1.0 - (RIM / ball.pixels() + RIM_SHARE);
         let least_cosine = (1.0 - within * within).sqrt();
         let covered = mask.or(picture.alpha.as_ref());
-        let fate = |x: usize, y: usize| {
-            let Some(seen) = ball.reflection_at((x as f64 + 0.5, y as f64 + 0.5)) else { return Fate::Outside };
+        let status = |x: usize, y: usize| {
+            let Some(seen) = ball.reflection_at((x as f64 + 0.5, y as f64 + 0.5)) else { return PixelStatus::Outside };
             if covered.is_some_and(|c| c[(x, y)].is_nan() || c[(x, y)] < COVERED) {
-                return Fate::Outside;
+                return PixelStatus::Outside;
             }
-            let sound = if seen.cosine < least_cosine { Fate::Edge } else { Fate::Used };
-            Fate::fault(picture.rgb[(x, y)]).unwrap_or(sound)
+            let sound = if seen.cosine < least_cosine { PixelStatus::Edge } else { PixelStatus::Used };
+            PixelStatus::fault(picture.rgb[(x, y)]).unwrap_or(sound)
         };
-        let mut fates = Plane::from_fn(width, height, fate);
-        let level = clip_level(&picture.rgb, &fates.map(|fate| *fate == Fate::Used), clip);
-        for (fate, colour) in fates.as_mut_slice().iter_mut().zip(picture.rgb.as_slice()) {
-            if *fate == Fate::Used && is_clipped(*colour, level) {
-                *fate = Fate::Clipped;
+        let mut statuses = Plane::from_fn(width, height, status);
+        let level = clip_level(&picture.rgb, &statuses.map(|status| *status == PixelStatus::Used), clip);
+        for (status, colour) in statuses.as_mut_slice().iter_mut().zip(picture.rgb.as_slice()) {
+            if *status == PixelStatus::Used && is_clipped(*colour, level) {
+                *status = PixelStatus::Clipped;
             }
         }
-        Ok(Self { rgb: picture.rgb.clone(), ball, fates, least_cosine })
+        Ok(Self { rgb: picture.rgb.clone(), ball, statuses, least_cosine })
     }
 
     /// Returns the ball.
@@ -85,11 +85,11 @@ impl View {
 
     /// Returns the status of each pixel.
     ///
-    /// The status is [`Fate::Used`]; [`Fate::Clipped`], for pixels that are used with their clipped
-    /// value; [`Fate::Edge`] at the rim; [`Fate::Outside`]; or the fault of a value that is not a
-    /// radiance.
-    pub fn fates(&self) -> &Plane<Fate> {
-        &self.fates
+    /// The status is [`PixelStatus::Used`]; [`PixelStatus::Clipped`], for pixels that are used with
+    /// their clipped value; [`PixelStatus::Edge`] at the rim; [`PixelStatus::Outside`]; or the
+    /// fault of a value that is not a radiance.
+    pub fn statuses(&self) -> &Plane<PixelStatus> {
+        &self.statuses
     }
 
     /// Whether a pixel shows the camera that took the picture, or directions close to it.
@@ -101,8 +101,8 @@ impl View {
     }
 
     /// Returns the number of pixels with one of these statuses.
-    pub fn count(&self, fates: &[Fate]) -> usize {
-        self.fates.as_slice().iter().filter(|fate| fates.contains(fate)).count()
+    pub fn count(&self, statuses: &[PixelStatus]) -> usize {
+        self.statuses.as_slice().iter().filter(|status| statuses.contains(status)).count()
     }
 
     /// Returns the light from a direction, interpolated between pixel centres.
@@ -124,7 +124,7 @@ impl View {
                     continue;
                 }
                 let at = (column as usize, row as usize);
-                if matches!(self.fates[at], Fate::Used | Fate::Clipped | Fate::Edge) {
+                if matches!(self.statuses[at], PixelStatus::Used | PixelStatus::Clipped | PixelStatus::Edge) {
                     // Channels outside the gamut of a file may be negative; light is not.
                     sum += right * down * self.rgb[at].as_dvec3().max(DVec3::ZERO);
                     weight += right * down;

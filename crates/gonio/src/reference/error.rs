@@ -2,9 +2,9 @@
 
 use thiserror::Error;
 
-use crate::remedy::Remedy;
+use crate::suggestion::Suggestion;
 
-/// Error for a reference that cannot be used; [`ReferenceError::remedies`] lists suggestions.
+/// Error for a reference that cannot be used; [`ReferenceError::suggestions`] lists suggestions.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum ReferenceError {
     /// The reflectance is not a fraction.
@@ -128,11 +128,11 @@ pub enum ReferenceError {
 
 impl ReferenceError {
     /// Returns suggestions, the most probable first.
-    pub fn remedies(&self) -> Vec<Remedy> {
+    pub fn suggestions(&self) -> Vec<Suggestion> {
         match self {
-            Self::NoChart | Self::SeveralCharts => vec![Remedy::ChartCorners],
-            Self::Clipped { .. } => vec![Remedy::ClipLevel],
-            Self::Overlap { .. } => vec![Remedy::Outline, Remedy::Mask],
+            Self::NoChart | Self::SeveralCharts => vec![Suggestion::ChartCorners],
+            Self::Clipped { .. } => vec![Suggestion::ClipLevel],
+            Self::Overlap { .. } => vec![Suggestion::Outline, Suggestion::Mask],
             _ => Vec::new(),
         }
     }

@@ -18,16 +18,16 @@ use super::pyramid::{Part, Place, half_side, level, whole};
 use crate::reflectance::{BivariateTable, CELLS, THETA_D, THETA_H, angles_of};
 use crate::shape::SurfacePoint;
 
-/// Number of half vectors of a [`Lobe`].
+/// Number of half vectors of a [`HalfVectorSampler`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct LobeSettings {
+pub struct SamplerSettings {
     /// Number of rings.
     pub rings: usize,
     /// Largest number of half vectors in a ring.
     pub spokes: usize,
 }
 
-impl LobeSettings {
+impl SamplerSettings {
     /// Fast setting for previews, with errors of one or two percent.
     pub const DRAFT: Self = Self { rings: 32, spokes: 24 };
     /// Accurate setting for final pictures, with errors of half a percent.
@@ -61,7 +61,7 @@ const NEAR: f64 = 0.14;
 const AZIMUTHS: usize = 20;
 
 /// Half vectors for a group of materials, under lights of one resolution.
-pub struct Lobe {
+pub struct HalfVectorSampler {
     materials: usize,
     /// Number of azimuths in the tables: one if no material depends on `phi_d`, else [`AZIMUTHS`].
     azimuths: usize,
@@ -90,7 +90,7 @@ struct Ring {
 }
 
 /// Light from one direction, with the reflectance of each material.
-pub struct Arrival<'a> {
+pub struct LightSample<'a> {
     /// Direction of the light.
     pub direction: Vec3,
     /// Radiance times cosine and solid angle.
@@ -100,7 +100,7 @@ pub struct Arrival<'a> {
     given: Option<Vec3A>,
 }
 
-impl Arrival<'_> {
+impl LightSample<'_> {
     /// Returns the radiance that a material reflects of this light.
     #[inline(always)]
     pub fn reflected(&self, material: usize) -> Vec3A {
@@ -115,12 +115,12 @@ impl Arrival<'_> {
     }
 }
 
-impl Lobe {
+impl HalfVectorSampler {
     /// Places half vectors for these materials under lights of the resolution of `light`.
     ///
     /// # Panics
     /// If there is no material, or if there are several and one of them depends on `phi_d`.
-    pub fn new(materials: &[&dyn Brdf], light: &PrefilteredLight, settings: LobeSettings) -> Self {
+    pub fn new(materials: &[&dyn Brdf], light: &PrefilteredLight, settings: SamplerSettings) -> Self {
         assert!(!materials.is_empty(), "no material");
         let tables: Vec<Option<[BivariateTable; 3]>> = materials.iter().map(|m| m.tables()).collect();
         let azimuthal = tables.iter().any(Option::is_none);
@@ -205,7 +205,7 @@ impl Lobe {
 
     /// Calls `take` with the light from every direction from which a point may reflect light.
     #[inline(always)]
-    pub fn gather(&self, point: &SurfacePoint, light: &PrefilteredLight, mut take: impl FnMut(&Arrival<'_>)) {
+    pub fn gather(&self, point: &SurfacePoint, light: &PrefilteredLight, mut take: impl FnMut(&LightSample<'_>)) {
         debug_assert_eq!(light.side(), self.side);
         let (normal, view) = (point.normal.as_vec3a(), point.view.as_vec3a());
         let (right, up) = point.normal.as_vec3().any_orthonormal_pair();
@@ -239,14 +239,20 @@ impl Lobe {
                 if azimuthal {
                     let given =
                         between_azimuths(&self.means, index * row, (column, next), azimuth(normal, half, towards));
-                    take(&Arrival { direction, irradiance, values: [&[]; 4], weights: [0.0; 4], given: Some(given) });
+                    take(&LightSample {
+                        direction,
+                        irradiance,
+                        values: [&[]; 4],
+                        weights: [0.0; 4],
+                        given: Some(given),
+                    });
                     continue;
                 }
                 let at = index * row + column as usize * self.materials;
                 let pair = &self.means[at..at + 2 * self.materials];
                 let (here, beyond) = pair.split_at(self.materials);
                 let weights = [1.0 - next, next, 0.0, 0.0];
-                take(&Arrival { direction, irradiance, values: [here, beyond, here, here], weights, given: None });
+                take(&LightSample { direction, irradiance, values: [here, beyond, here, here], weights, given: None });
             }
         }
         self.gather_lamps(point, light, take);
@@ -254,7 +260,7 @@ impl Lobe {
 
     /// Calls `take` with the light of each lamp.
     #[inline(always)]
-    fn gather_lamps(&self, point: &SurfacePoint, light: &PrefilteredLight, mut take: impl FnMut(&Arrival<'_>)) {
+    fn gather_lamps(&self, point: &SurfacePoint, light: &PrefilteredLight, mut take: impl FnMut(&LightSample<'_>)) {
         let (normal, view) = (point.normal.as_vec3a(), point.view.as_vec3a());
         let row = self.row();
         for &(towards, irradiance) in light.lamps() {
@@ -281,13 +287,13 @@ impl Lobe {
                 let [upper, lower] =
                     [0, 1].map(|i| between_azimuths(&self.full, (line as usize + i) * row, (column, next), place));
                 let given = Some(upper + (lower - upper) * beyond);
-                take(&Arrival { direction, irradiance, values: [&[]; 4], weights: [0.0; 4], given });
+                take(&LightSample { direction, irradiance, values: [&[]; 4], weights: [0.0; 4], given });
                 continue;
             }
             let at = line as usize * row + column as usize * self.materials;
             let [upper, lower] =
                 [at, at + row].map(|at| self.full[at..at + 2 * self.materials].split_at(self.materials));
-            take(&Arrival {
+            take(&LightSample {
                 direction,
                 irradiance,
                 values: [upper.0, upper.1, lower.0, lower.1],
@@ -417,9 +423,9 @@ mod tests {
     use crate::testing::{ball, light_map};
 
     /// Returns the sorted relative errors of the half vectors against the integrator.
-    fn errors(brdf: &dyn Brdf, tree: &LightTree, settings: LobeSettings) -> Vec<f64> {
+    fn errors(brdf: &dyn Brdf, tree: &LightTree, settings: SamplerSettings) -> Vec<f64> {
         let light = PrefilteredLight::of(tree);
-        let lobe = Lobe::new(&[brdf], &light, settings);
+        let lobe = HalfVectorSampler::new(&[brdf], &light, settings);
         let fine = IntegratorSettings { tolerance: 0.05, ..IntegratorSettings::default() };
         let points: Vec<SurfacePoint> = ball(24).into_iter().filter(|p| p.normal.z > 0.2).collect();
         let envelope = brdf.envelope();
@@ -443,7 +449,7 @@ mod tests {
         let tree = LightTree::of_map(&light_map(256, lamp));
         let lobe = |width: f64| BivariateTable::from_fn(|h, d| 0.1 + d + 3.0 / (1.0 + (h / width).powi(2)).powi(2));
         for (width, median, worst) in [(1.0, 0.003, 0.02), (0.2, 0.003, 0.03), (0.05, 0.005, 0.08)] {
-            for (settings, times) in [(LobeSettings::FINE, 1.0), (LobeSettings::DRAFT, 3.0)] {
+            for (settings, times) in [(SamplerSettings::FINE, 1.0), (SamplerSettings::DRAFT, 3.0)] {
                 let off = errors(&lobe(width), &tree, settings);
                 let (middle, last) = (off[off.len() / 2], off[off.len() - 1]);
                 assert!(middle < times * median && last < times * worst, "{width} {settings:?}: {middle} {last}");
@@ -460,7 +466,7 @@ mod tests {
         tree.turn_to(turn);
         let got = PrefilteredLight::of(&tree);
         let table = BivariateTable::from_fn(|h, _| 0.1 + 2.0 / (1.0 + (h / 0.3).powi(2)).powi(2));
-        let lobe = Lobe::new(&[&table], &want, LobeSettings::FINE);
+        let lobe = HalfVectorSampler::new(&[&table], &want, SamplerSettings::FINE);
         for point in ball(10).into_iter().filter(|p| p.normal.z > 0.2) {
             let [want, got] = [&want, &got].map(|light| lobe.radiance(&point, light, |_| 1.0)[0]);
             assert!((want - got).length() < 0.01 * want.length(), "{want} {got}");
@@ -493,7 +499,7 @@ mod tests {
         let merl =
             MerlTable::from_channels([0, 1, 2].map(|c| even.channel(c).iter().enumerate().map(turned).collect()));
         assert!(!merl.is_bivariate());
-        let off = errors(&merl, &tree, LobeSettings::FINE);
+        let off = errors(&merl, &tree, SamplerSettings::FINE);
         assert!(off[off.len() / 2] < 0.005 && off[off.len() - 1] < 0.02, "{off:?}");
     }
 }

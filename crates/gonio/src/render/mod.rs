@@ -16,7 +16,7 @@ mod tree;
 pub use brdf::{Brdf, Tinted};
 pub use integrate::{IntegratorSettings, Node, Nodes, nodes, radiance};
 pub use linear::Relighter;
-pub use lobe::{Arrival, Lobe, LobeSettings};
+pub use lobe::{HalfVectorSampler, LightSample, SamplerSettings};
 pub use prefiltered::PrefilteredLight;
 pub use sphere::{SphereSettings, images_of_basis, render_sphere};
 pub use surface::{SurfaceSettings, render_surface};
@@ -27,13 +27,13 @@ pub use tree::LightTree;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Accuracy {
     /// Fixed set of half vectors: fast, and free of noise.
-    Lobes(LobeSettings),
+    Lobes(SamplerSettings),
     /// Subdivision of the light until the error bound is small enough.
     Bound(IntegratorSettings),
 }
 
 impl Default for Accuracy {
     fn default() -> Self {
-        Self::Lobes(LobeSettings::FINE)
+        Self::Lobes(SamplerSettings::FINE)
     }
 }

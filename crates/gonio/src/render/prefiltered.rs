@@ -16,7 +16,7 @@ const SIDES: (usize, usize) = (128, 1024);
 /// Number of parts in which a light is sampled in parallel, independent of the number of threads.
 const PARTS: usize = 4;
 
-/// A light in the form that [`Lobe`](super::Lobe) samples.
+/// A light in the form that [`HalfVectorSampler`](super::HalfVectorSampler) samples.
 pub struct PrefilteredLight {
     pyramid: Pyramid<Vec3A>,
     /// Direction and irradiance of the lamps, after rotation of the light.

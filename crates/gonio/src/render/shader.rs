@@ -5,7 +5,7 @@ use glam::{DVec3, Vec3A};
 use super::Accuracy;
 use super::brdf::Brdf;
 use super::integrate::{IntegratorSettings, nodes, nodes_within};
-use super::lobe::Lobe;
+use super::lobe::HalfVectorSampler;
 use super::prefiltered::PrefilteredLight;
 use super::surface::{PENUMBRA, open_shares};
 use super::tree::LightTree;
@@ -14,7 +14,7 @@ use crate::shape::SurfacePoint;
 
 /// A material in a light.
 pub(super) enum Shader<'a> {
-    Lobes { lobe: Lobe, light: PrefilteredLight },
+    Lobes { lobe: HalfVectorSampler, light: PrefilteredLight },
     Bound { brdf: &'a dyn Brdf, envelope: BivariateTable, light: &'a LightTree, settings: IntegratorSettings },
 }
 
@@ -23,7 +23,7 @@ impl<'a> Shader<'a> {
         match accuracy {
             Accuracy::Lobes(settings) => {
                 let light = PrefilteredLight::of(light);
-                Self::Lobes { lobe: Lobe::new(&[brdf], &light, settings), light }
+                Self::Lobes { lobe: HalfVectorSampler::new(&[brdf], &light, settings), light }
             }
             Accuracy::Bound(settings) => Self::Bound { brdf, envelope: brdf.envelope(), light, settings },
         }

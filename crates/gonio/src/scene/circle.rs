@@ -180,7 +180,7 @@ fn span(points: &[DVec2], circle: &Circle) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::remedy::Remedy;
+    use crate::suggestion::Suggestion;
 
     /// Coverage of an ellipse, from 8 x 8 samples per pixel if `soft`, else from the pixel's
     /// centre.
@@ -262,7 +262,7 @@ mod tests {
         }
         let square = Plane::from_fn(128, 128, |x, y| f32::from((30..90).contains(&x) && (30..90).contains(&y)));
         assert!(matches!(refused(&square), SceneError::NotACircle { .. }));
-        assert_eq!(refused(&square).remedies()[0], Remedy::Normals);
+        assert_eq!(refused(&square).suggestions()[0], Suggestion::Normals);
         let half = Plane::from_fn(128, 128, |x, _| f32::from(x < 60));
         assert!(matches!(refused(&half), SceneError::ShortOutline { .. }), "{}", refused(&half));
         assert!(matches!(

@@ -3,10 +3,10 @@
 use thiserror::Error;
 
 use super::{Candidate, Circle, Contradiction, Extent, ObservationReport};
-use crate::remedy::Remedy;
 use crate::shape::{CameraError, MeshError};
+use crate::suggestion::Suggestion;
 
-/// Error in detecting or sampling an object; [`SceneError::remedies`] lists suggestions.
+/// Error in detecting or sampling an object; [`SceneError::suggestions`] lists suggestions.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum SceneError {
     /// No pixel of the mask is at least half covered.
@@ -213,7 +213,7 @@ pub enum SceneError {
     Contradiction(Contradiction),
     /// The positions do not form a surface.
     #[error(transparent)]
-    Relief(#[from] MeshError),
+    PositionMap(#[from] MeshError),
     /// The camera is invalid.
     #[error(transparent)]
     Camera(#[from] CameraError),
@@ -230,25 +230,29 @@ impl SceneError {
     }
 
     /// Lists suggestions, the most probable first.
-    pub fn remedies(&self) -> Vec<Remedy> {
+    pub fn suggestions(&self) -> Vec<Suggestion> {
         match self {
-            Self::MaskEverywhere | Self::ShortOutline { .. } => vec![Remedy::Outline],
-            Self::Elliptic { under_camera: false, .. } => vec![Remedy::Ellipsoid, Remedy::Outline, Remedy::Camera],
-            Self::Elliptic { under_camera: true, .. } => vec![Remedy::Mesh, Remedy::Mask],
-            Self::NotACircle { .. } => vec![Remedy::Normals, Remedy::Mesh, Remedy::Outline],
+            Self::MaskEverywhere | Self::ShortOutline { .. } => vec![Suggestion::Outline],
+            Self::Elliptic { under_camera: false, .. } => {
+                vec![Suggestion::Ellipsoid, Suggestion::Outline, Suggestion::Camera]
+            }
+            Self::Elliptic { under_camera: true, .. } => vec![Suggestion::Mesh, Suggestion::Mask],
+            Self::NotACircle { .. } => vec![Suggestion::Normals, Suggestion::Mesh, Suggestion::Outline],
             Self::Several { objects } => {
                 let circles: Vec<Circle> = objects.iter().filter_map(|object| object.circle).collect();
-                let one = (!circles.is_empty()).then_some(Remedy::OneOf(circles));
-                one.into_iter().chain([Remedy::Mask]).collect()
+                let one = (!circles.is_empty()).then_some(Suggestion::OneOf(circles));
+                one.into_iter().chain([Suggestion::Mask]).collect()
             }
             Self::Unsure { candidates } => {
-                vec![Remedy::OneOf(candidates.iter().map(|candidate| candidate.circle).collect()), Remedy::Mask]
+                vec![Suggestion::OneOf(candidates.iter().map(|candidate| candidate.circle).collect()), Suggestion::Mask]
             }
-            Self::NotAnEllipse { .. } => vec![Remedy::Mesh, Remedy::Normals],
-            Self::NoOutline => vec![Remedy::Mask, Remedy::Outline],
-            Self::Elsewhere { default_camera: true, .. } => vec![Remedy::Camera, Remedy::Pose, Remedy::Force],
-            Self::Elsewhere { default_camera: false, .. } => vec![Remedy::Pose, Remedy::Force],
-            Self::Contradiction(it) => vec![it.remedy(), Remedy::TrustNormals],
+            Self::NotAnEllipse { .. } => vec![Suggestion::Mesh, Suggestion::Normals],
+            Self::NoOutline => vec![Suggestion::Mask, Suggestion::Outline],
+            Self::Elsewhere { default_camera: true, .. } => {
+                vec![Suggestion::Camera, Suggestion::Pose, Suggestion::Force]
+            }
+            Self::Elsewhere { default_camera: false, .. } => vec![Suggestion::Pose, Suggestion::Force],
+            Self::Contradiction(it) => vec![it.suggestion(), Suggestion::TrustNormals],
             _ => Vec::new(),
         }
     }

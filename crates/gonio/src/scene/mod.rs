@@ -5,7 +5,7 @@
 //! 2. `of_sphere` samples the image at normals distributed uniformly over the visible hemisphere;
 //!    [`Observations::of_normals`] samples any shape with a normal map.
 //!
-//! [`Sighting::of`] performs both steps for any [`Object`].
+//! [`Detection::of`] performs both steps for any [`Object`].
 //!
 //! [`Orientation`] checks the channels of a normal map and suggests a [`Correction`].
 //!
@@ -23,23 +23,23 @@ mod circle;
 mod circle_fit;
 mod components;
 mod correction;
+mod detection;
 mod edges;
 mod error;
-mod fate;
 mod foreign;
 mod normals;
 mod observations;
 mod observed;
-mod oddity;
 mod orientation;
 mod outliers;
 mod outline;
 mod repair;
 mod rim;
+mod scene_warning;
 mod shadowed;
-mod sighting;
 mod small;
 mod spot;
+mod status;
 mod thinned;
 mod view;
 mod vote;
@@ -50,15 +50,15 @@ pub use balls::{Extent, outline_of_ball, separate_balls};
 pub(crate) use circle::find_sphere;
 pub use circle_fit::Circle;
 pub use correction::Correction;
+pub use detection::{Detection, Found, NormalPicture, Object, PositionMap};
 pub use error::SceneError;
-pub use fate::Fate;
 pub use observations::{ObservationReport, ObservationSettings, Observations, sphere_points};
 pub(crate) use observed::{COVERED, check_size, clip_level, is_clipped};
-pub use oddity::Oddity;
 pub use orientation::{Contradiction, Fault, Fit, Orientation, OrientationSettings};
 pub use outline::Ellipse;
 pub(crate) use outline::{find_ball, find_ellipse};
-pub use sighting::{Found, NormalPicture, Object, Relief, Sighting};
+pub use scene_warning::SceneWarning;
 pub(crate) use spot::outlined;
+pub use status::PixelStatus;
 pub use view::SurfaceView;
 pub use vote::{Candidate, Sureness};

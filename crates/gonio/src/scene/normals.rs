@@ -5,14 +5,14 @@ use std::collections::BTreeMap;
 use glam::{DVec3, Vec3};
 
 use super::components::neighbours;
-use super::fate::{Judged, judge};
 use super::foreign::Underlay;
 use super::observations::LEAST_POINTS;
-use super::observed::{COVERED, Seen, check_size};
+use super::observed::{COVERED, ObservedColour, check_size};
 use super::repair::{repaired, without_outliers};
+use super::status::{Judged, judge};
 use super::view::{SurfaceView, has_normal};
 use super::weights::weights;
-use super::{Fate, ObservationReport, ObservationSettings, Observations, SceneError};
+use super::{ObservationReport, ObservationSettings, Observations, PixelStatus, SceneError};
 use crate::appearance::Sample;
 use crate::picture::{Picture, Plane, luminance};
 use crate::shape::SurfacePoint;
@@ -127,29 +127,29 @@ impl Observations {
         }
         let normal = |at| normals[at].normalize_or_zero();
         let underlay = Underlay { normal: &normal, convex: false };
-        let Judged { mut fates, mut report } = judge(rgb, &region, settings, &underlay, report)?;
-        let without_outliers = without_outliers(rgb, &fates);
-        for (i, (inside, fate)) in region.as_mut_slice().iter_mut().zip(fates.as_slice()).enumerate() {
-            let sound = !fate.is_faulty() || *fate == Fate::Outlier && repaired(rgb, &fates, i).is_some();
-            *inside = *inside && sound && *fate != Fate::OtherColour;
+        let Judged { mut statuses, mut report } = judge(rgb, &region, settings, &underlay, report)?;
+        let without_outliers = without_outliers(rgb, &statuses);
+        for (i, (inside, status)) in region.as_mut_slice().iter_mut().zip(statuses.as_slice()).enumerate() {
+            let sound = !status.is_faulty() || *status == PixelStatus::Outlier && repaired(rgb, &statuses, i).is_some();
+            *inside = *inside && sound && *status != PixelStatus::OtherColour;
         }
         let rgb = &*without_outliers;
         let dark: Vec<bool> = facing
             .iter()
             .map(|c| {
                 let at = coordinates(c.pixel as usize);
-                fates[at] != Fate::Outlier && is_speck(rgb, &region, at)
+                statuses[at] != PixelStatus::Outlier && is_speck(rgb, &region, at)
             })
             .collect();
         report.specks = dark.iter().filter(|dark| **dark).count();
         for (candidate, _) in facing.iter().zip(&dark).filter(|(_, dark)| **dark) {
-            let fate = &mut fates.as_mut_slice()[candidate.pixel as usize];
-            *fate = if *fate == Fate::Outside { *fate } else { Fate::Speck };
+            let status = &mut statuses.as_mut_slice()[candidate.pixel as usize];
+            *status = if *status == PixelStatus::Outside { *status } else { PixelStatus::Speck };
         }
-        edges.into_iter().for_each(|pixel| fates.as_mut_slice()[pixel] = Fate::Edge);
-        for (i, (fate, covered)) in fates.as_mut_slice().iter_mut().zip(covered.as_slice()).enumerate() {
-            if *covered && *fate == Fate::Outside && !is_sound(surface, i) {
-                *fate = Fate::NoNormal;
+        edges.into_iter().for_each(|pixel| statuses.as_mut_slice()[pixel] = PixelStatus::Edge);
+        for (i, (status, covered)) in statuses.as_mut_slice().iter_mut().zip(covered.as_slice()).enumerate() {
+            if *covered && *status == PixelStatus::Outside && !is_sound(surface, i) {
+                *status = PixelStatus::NoNormal;
             }
         }
         let mut dark = dark.into_iter();
@@ -158,7 +158,7 @@ impl Observations {
             .iter()
             .filter(within)
             .filter_map(|c| {
-                let rgb = repaired(rgb, &fates, c.pixel as usize)?;
+                let rgb = repaired(rgb, &statuses, c.pixel as usize)?;
                 Some(Sample::of(c.seen(surface), f64::from(luminance(rgb)), 1.0).coloured(rgb))
             })
             .collect();
@@ -166,19 +166,21 @@ impl Observations {
         // be sampled too densely.
         let taken = thin(&facing, surface, settings.normals);
         let taken: Vec<Candidate> = taken.iter().filter(within).copied().collect();
-        let seen = taken.iter().map(|c| match fates.as_slice()[c.pixel as usize] {
-            Fate::Clipped => Seen::Clipped,
-            Fate::OtherColour => Seen::OtherColour,
-            Fate::Outlier => repaired(rgb, &fates, c.pixel as usize).map_or(Seen::Faulty, Seen::Colour),
-            fate if fate.is_faulty() => Seen::Faulty,
-            _ => Seen::Colour(rgb.as_slice()[c.pixel as usize]),
+        let seen = taken.iter().map(|c| match statuses.as_slice()[c.pixel as usize] {
+            PixelStatus::Clipped => ObservedColour::Clipped,
+            PixelStatus::OtherColour => ObservedColour::OtherColour,
+            PixelStatus::Outlier => {
+                repaired(rgb, &statuses, c.pixel as usize).map_or(ObservedColour::Faulty, ObservedColour::Colour)
+            }
+            status if status.is_faulty() => ObservedColour::Faulty,
+            _ => ObservedColour::Colour(rgb.as_slice()[c.pixel as usize]),
         });
         let centre = |i: usize| ((i % width) as f64 + 0.5, (i / width) as f64 + 0.5);
         let mut observations = Self::assemble(
             taken.iter().map(|c| c.point(surface)).collect(),
             taken.iter().map(|c| centre(c.pixel as usize)).collect(),
             seen.collect(),
-            Judged { fates, report },
+            Judged { statuses, report },
         )?;
         let pixels: Vec<usize> = taken.iter().map(|c| c.pixel as usize).collect();
         observations.weights = weights(rgb, normals, &region, &pixels);
@@ -191,7 +193,7 @@ impl Observations {
 ///
 /// False for pixels with fewer than five such neighbours.
 fn is_speck(rgb: &Plane<Vec3>, region: &Plane<bool>, at: (usize, usize)) -> bool {
-    if Fate::fault(rgb[at]).is_some() {
+    if PixelStatus::fault(rgb[at]).is_some() {
         return false;
     }
     let own = luminance(rgb[at]);

@@ -7,11 +7,11 @@ use glam::{DVec3, Vec3};
 use serde::{Deserialize, Serialize};
 
 use super::circle::LEAST_RADIUS;
-use super::fate::{Judged, judge};
 use super::foreign::Underlay;
-use super::observed::{COVERED, Seen, check_size};
+use super::observed::{COVERED, ObservedColour, check_size};
 use super::repair::repaired;
-use super::{Circle, Fate, SceneError};
+use super::status::{Judged, judge};
+use super::{Circle, PixelStatus, SceneError};
 use crate::appearance::Sample;
 use crate::picture::{Picture, Plane, luminance};
 use crate::shape::Visibility;
@@ -155,10 +155,9 @@ pub struct Observations {
     /// Counts of the points and pixels by status.
     pub report: ObservationReport,
     /// Status of each pixel, if any pixel on the object is ignored.
-    pub fates: Option<Arc<Plane<Fate>>>,
-    /// Samples of all pixels that show the object, by normal: many more than points. Isolated
-    /// faulty pixels have a value interpolated from the pixels around them. Empty if there are no
-    /// more samples than points.
+    pub statuses: Option<Arc<Plane<PixelStatus>>>,
+    /// One sample per usable pixel, each with its normal. Single faulty pixels have values
+    /// interpolated from their neighbours. Empty after [`Self::of_points`] and [`Self::select`].
     pub dense: Vec<Sample>,
 }
 
@@ -193,7 +192,7 @@ impl Observations {
             visibility: None,
             open: vec![1.0; count],
             report: ObservationReport::default(),
-            fates: None,
+            statuses: None,
             dense: Vec::new(),
         }
     }
@@ -229,12 +228,12 @@ impl Observations {
             visibility: self.visibility.as_ref().map(|v| v.select(indices)),
             open: some(&self.open, indices),
             report: self.report,
-            fates: self.fates.clone(),
+            statuses: self.statuses.clone(),
             dense: Vec::new(),
         }
     }
 
-    /// Returns the values by normal: of all pixels, or of the points if there are no more samples.
+    /// Returns [`Self::dense`], or one sample per point with a value if that is empty.
     pub fn samples(&self) -> Cow<'_, [Sample]> {
         if !self.dense.is_empty() {
             return Cow::Borrowed(&self.dense);
@@ -301,10 +300,10 @@ impl Observations {
         let points = sphere_points(settings);
         let pixels: Vec<(f64, f64)> =
             points.iter().map(|p| (x + radius * p.normal.x, y - radius * p.normal.y)).collect();
-        let seen = pixels.iter().map(|&at| sample(rgb, &judged.fates, at)).collect();
+        let seen = pixels.iter().map(|&at| sample(rgb, &judged.statuses, at)).collect();
         let dense = (0..width * height)
             .filter_map(|i| {
-                let value = repaired(rgb, &judged.fates, i)?;
+                let value = repaired(rgb, &judged.statuses, i)?;
                 let normal = normal((i % width, i / width)).as_dvec3();
                 Some(Sample::of(normal, f64::from(luminance(value)), 1.0).coloured(value))
             })
@@ -316,19 +315,19 @@ impl Observations {
     pub(super) fn assemble(
         points: Vec<SurfacePoint>,
         pixels: Vec<(f64, f64)>,
-        seen: Vec<Seen>,
-        Judged { fates, report }: Judged,
+        seen: Vec<ObservedColour>,
+        Judged { statuses, report }: Judged,
     ) -> Result<Self, SceneError> {
-        let colour = |s: &Seen| if let Seen::Colour(colour) = s { Some(*colour) } else { None };
-        let count = |which: Seen| seen.iter().filter(|s| **s == which).count();
+        let colour = |s: &ObservedColour| if let ObservedColour::Colour(colour) = s { Some(*colour) } else { None };
+        let count = |which: ObservedColour| seen.iter().filter(|s| **s == which).count();
         let report = ObservationReport {
             points: points.len(),
             used: seen.iter().filter_map(colour).count(),
-            clipped: count(Seen::Clipped),
-            outside: count(Seen::Outside),
-            faulty: count(Seen::Faulty),
-            other_colour: count(Seen::OtherColour),
-            used_pixels: fates.as_slice().iter().filter(|fate| **fate == Fate::Used).count(),
+            clipped: count(ObservedColour::Clipped),
+            outside: count(ObservedColour::Outside),
+            faulty: count(ObservedColour::Faulty),
+            other_colour: count(ObservedColour::OtherColour),
+            used_pixels: statuses.as_slice().iter().filter(|status| **status == PixelStatus::Used).count(),
             ..report
         };
         let ObservationReport { used, clipped, outside, faulty, .. } = report;
@@ -344,39 +343,51 @@ impl Observations {
             return Err(SceneError::Black);
         }
         let colours = seen.iter().map(|s| colour(s).map(|c| c.max(Vec3::ZERO))).collect();
-        let left_out = fates.as_slice().iter().any(|fate| !matches!(fate, Fate::Used | Fate::Outside));
-        let fates = left_out.then(|| Arc::new(fates));
+        let left_out =
+            statuses.as_slice().iter().any(|status| !matches!(status, PixelStatus::Used | PixelStatus::Outside));
+        let statuses = left_out.then(|| Arc::new(statuses));
         let (weights, open) = (vec![1.0; points.len()], vec![1.0; points.len()]);
-        Ok(Self { points, pixels, values, colours, weights, visibility: None, open, report, fates, dense: Vec::new() })
+        Ok(Self {
+            points,
+            pixels,
+            values,
+            colours,
+            weights,
+            visibility: None,
+            open,
+            report,
+            statuses,
+            dense: Vec::new(),
+        })
     }
 }
 
 /// Interpolates bilinearly at `(x, y)` between the centres of the four nearest pixels.
-fn sample(rgb: &Plane<Vec3>, fates: &Plane<Fate>, (x, y): (f64, f64)) -> Seen {
+fn sample(rgb: &Plane<Vec3>, statuses: &Plane<PixelStatus>, (x, y): (f64, f64)) -> ObservedColour {
     let (x, y) = (x - 0.5, y - 0.5);
     let (left, top) = (x.floor(), y.floor());
     let inside = left >= 0.0 && top >= 0.0 && left + 1.0 < rgb.width() as f64 && top + 1.0 < rgb.height() as f64;
     if !inside {
-        return Seen::Outside;
+        return ObservedColour::Outside;
     }
     let (s, t) = ((x - left) as f32, (y - top) as f32);
     let (column, row) = (left as usize, top as usize);
     let four = [(column, row), (column + 1, row), (column, row + 1), (column + 1, row + 1)];
-    let any = |which: Fate| four.iter().any(|&at| fates[at] == which);
-    if any(Fate::Outside) {
-        return Seen::Outside;
-    } else if any(Fate::Clipped) {
-        return Seen::Clipped;
-    } else if any(Fate::OtherColour) {
-        return Seen::OtherColour;
-    } else if four.iter().any(|&at| fates[at].is_faulty()) {
+    let any = |which: PixelStatus| four.iter().any(|&at| statuses[at] == which);
+    if any(PixelStatus::Outside) {
+        return ObservedColour::Outside;
+    } else if any(PixelStatus::Clipped) {
+        return ObservedColour::Clipped;
+    } else if any(PixelStatus::OtherColour) {
+        return ObservedColour::OtherColour;
+    } else if four.iter().any(|&at| statuses[at].is_faulty()) {
         let weights = [(1.0 - s) * (1.0 - t), s * (1.0 - t), (1.0 - s) * t, s * t];
-        let sound = four.iter().zip(weights).filter(|(at, _)| !fates[**at].is_faulty());
+        let sound = four.iter().zip(weights).filter(|(at, _)| !statuses[**at].is_faulty());
         let (sum, weight) = sound.fold((Vec3::ZERO, 0.0), |(sum, all), (at, w)| (sum + w * rgb[*at], all + w));
-        return if weight >= LEAST_WEIGHT { Seen::Colour(sum / weight) } else { Seen::Faulty };
+        return if weight >= LEAST_WEIGHT { ObservedColour::Colour(sum / weight) } else { ObservedColour::Faulty };
     }
     let [a, b, c, d] = four.map(|at| rgb[at]);
-    Seen::Colour(a.lerp(b, s).lerp(c.lerp(d, s), t))
+    ObservedColour::Colour(a.lerp(b, s).lerp(c.lerp(d, s), t))
 }
 
 #[cfg(test)]

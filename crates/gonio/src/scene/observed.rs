@@ -14,7 +14,7 @@ const CLIPPED_SHARE: f64 = 2e-4;
 
 /// Value of a point in the picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Seen {
+pub(super) enum ObservedColour {
     /// Radiance; single channels may be negative.
     Colour(Vec3),
     /// A value at or above the clip level.

@@ -12,10 +12,10 @@ use crate::linalg::solve_positive;
 use crate::picture::Plane;
 use crate::shape::{Camera, Ellipsoid};
 
-/// Number of solutions from a few random points each: if a third of the outline is far off (a
-/// stand, a finger), one in ten solutions uses no such point.
+/// Number of random draws of points. If a third of the outline is not on the ellipse (a stand, a
+/// finger), 1 in 17 draws for an ellipse and 1 in 8 for a ball contain no such point.
 const DRAWS: usize = 120;
-/// Largest longer semi-axis, in root mean square distances of the outline from its middle: longer
+/// Largest semi-major axis, in root mean square distances of the outline from its centroid: longer
 /// ellipses fit two lines.
 const MOST_LENGTH: f64 = 8.0;
 /// Number of rounds of reweighting.
@@ -219,8 +219,8 @@ fn quantile(values: &mut [f64], share: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::remedy::Remedy;
     use crate::shape::{Projection, Ray, Surface};
+    use crate::suggestion::Suggestion;
 
     /// Coverage from 8 x 8 samples per pixel.
     fn mask(size: (usize, usize), inside: impl Fn(f64, f64) -> bool) -> Plane<f32> {
@@ -303,9 +303,9 @@ mod tests {
         let camera = Camera::new(Projection::Orthographic { pixels_per_unit: 10.0 }, (0.0, 0.0), (240, 200)).unwrap();
         let coverage = mask(camera.size, ellipse(0.3, 0.0));
         let without = super::super::find_sphere(&coverage).unwrap_err();
-        assert!(without.remedies().contains(&Remedy::Camera), "{without}");
+        assert!(without.suggestions().contains(&Suggestion::Camera), "{without}");
         let given = find_ball(&coverage, &camera).unwrap_err();
         assert!(matches!(given, SceneError::Elliptic { under_camera: true, .. }), "{given}");
-        assert!(!given.remedies().contains(&Remedy::Camera) && !given.remedies().is_empty(), "{given}");
+        assert!(!given.suggestions().contains(&Suggestion::Camera) && !given.suggestions().is_empty(), "{given}");
     }
 }

@@ -7,7 +7,7 @@ use std::borrow::Cow;
 
 use glam::{DVec3, Vec3};
 
-use super::Fate;
+use super::PixelStatus;
 use super::components::neighbours;
 use super::outliers::stencil::{NEIGHBOURS, Stencil};
 use crate::picture::Plane;
@@ -18,23 +18,23 @@ const MIN_ADJACENT: usize = 6;
 /// Returns the value of a pixel (row-major index) if it is used or can be interpolated.
 ///
 /// A pixel can be interpolated if it is faulty and nearly all pixels around it are used.
-pub(super) fn repaired(rgb: &Plane<Vec3>, fates: &Plane<Fate>, pixel: usize) -> Option<Vec3> {
-    let fate = fates.as_slice()[pixel];
-    if fate == Fate::Used {
+pub(super) fn repaired(rgb: &Plane<Vec3>, statuses: &Plane<PixelStatus>, pixel: usize) -> Option<Vec3> {
+    let status = statuses.as_slice()[pixel];
+    if status == PixelStatus::Used {
         return Some(rgb.as_slice()[pixel]);
     }
-    if !fate.is_faulty() {
+    if !status.is_faulty() {
         return None;
     }
     let (size, at) = (rgb.size(), (pixel % rgb.width(), pixel / rgb.width()));
-    let adjacent = neighbours(at, size, true).filter(|next| fates[*next] == Fate::Used).count();
+    let adjacent = neighbours(at, size, true).filter(|next| statuses[*next] == PixelStatus::Used).count();
     if adjacent < MIN_ADJACENT {
         return None;
     }
     let (mut values, mut known) = ([DVec3::ZERO; 24], 0_u32);
     for (i, (dx, dy)) in NEIGHBOURS.iter().enumerate() {
         let (Some(x), Some(y)) = (at.0.checked_add_signed(*dx), at.1.checked_add_signed(*dy)) else { continue };
-        if x < size.0 && y < size.1 && fates[(x, y)] == Fate::Used {
+        if x < size.0 && y < size.1 && statuses[(x, y)] == PixelStatus::Used {
             values[i] = rgb[(x, y)].as_dvec3();
             known |= 1 << i;
         }
@@ -43,10 +43,10 @@ pub(super) fn repaired(rgb: &Plane<Vec3>, fates: &Plane<Fate>, pixel: usize) -> 
 }
 
 /// Returns the picture with an interpolated value at each outlier that can be interpolated.
-pub(super) fn without_outliers<'a>(rgb: &'a Plane<Vec3>, fates: &Plane<Fate>) -> Cow<'a, Plane<Vec3>> {
+pub(super) fn without_outliers<'a>(rgb: &'a Plane<Vec3>, statuses: &Plane<PixelStatus>) -> Cow<'a, Plane<Vec3>> {
     let mut out = Cow::Borrowed(rgb);
-    for i in (0..fates.as_slice().len()).filter(|i| fates.as_slice()[*i] == Fate::Outlier) {
-        if let Some(value) = repaired(rgb, fates, i) {
+    for i in (0..statuses.as_slice().len()).filter(|i| statuses.as_slice()[*i] == PixelStatus::Outlier) {
+        if let Some(value) = repaired(rgb, statuses, i) {
             out.to_mut().as_mut_slice()[i] = value;
         }
     }
@@ -90,27 +90,27 @@ mod tests {
             Vec3::new(1.0 + x + y, 2.0 + x * y - x * x, 3.0 - y * y)
         };
         let rgb = Plane::from_fn(9, 9, value);
-        let mut fates = rgb.map(|_| Fate::Used);
-        let off = |fates: &Plane<Fate>, (x, y): (usize, usize)| {
-            repaired(&rgb, fates, 9 * y + x).map(|got| (got - value(x, y)).abs().max_element())
+        let mut statuses = rgb.map(|_| PixelStatus::Used);
+        let off = |statuses: &Plane<PixelStatus>, (x, y): (usize, usize)| {
+            repaired(&rgb, statuses, 9 * y + x).map(|got| (got - value(x, y)).abs().max_element())
         };
-        assert_eq!(off(&fates, (4, 4)), Some(0.0));
-        for fate in [Fate::Outlier, Fate::NotFinite, Fate::Negative] {
-            fates[(4, 4)] = fate;
-            assert!(off(&fates, (4, 4)).unwrap() < 1e-5, "{fate:?}");
+        assert_eq!(off(&statuses, (4, 4)), Some(0.0));
+        for status in [PixelStatus::Outlier, PixelStatus::NotFinite, PixelStatus::Negative] {
+            statuses[(4, 4)] = status;
+            assert!(off(&statuses, (4, 4)).unwrap() < 1e-5, "{status:?}");
         }
         // Two adjacent faulty pixels, and one near the border of the used pixels.
-        fates[(5, 4)] = Fate::Outlier;
-        assert!(off(&fates, (4, 4)).unwrap() < 1e-5 && off(&fates, (5, 4)).unwrap() < 1e-5);
-        fates[(1, 1)] = Fate::Outlier;
-        assert!(off(&fates, (1, 1)).unwrap() < 1e-5);
+        statuses[(5, 4)] = PixelStatus::Outlier;
+        assert!(off(&statuses, (4, 4)).unwrap() < 1e-5 && off(&statuses, (5, 4)).unwrap() < 1e-5);
+        statuses[(1, 1)] = PixelStatus::Outlier;
+        assert!(off(&statuses, (1, 1)).unwrap() < 1e-5);
         // A corner, a group, and pixels that are ignored for another reason.
-        fates[(0, 8)] = Fate::Outlier;
-        fates[(4, 5)] = Fate::NotFinite;
-        fates[(5, 5)] = Fate::NotFinite;
-        fates[(7, 7)] = Fate::Clipped;
-        assert_eq!(off(&fates, (0, 8)), None);
-        assert_eq!(off(&fates, (7, 7)), None);
-        assert_eq!(off(&fates, (8, 8)), Some(0.0));
+        statuses[(0, 8)] = PixelStatus::Outlier;
+        statuses[(4, 5)] = PixelStatus::NotFinite;
+        statuses[(5, 5)] = PixelStatus::NotFinite;
+        statuses[(7, 7)] = PixelStatus::Clipped;
+        assert_eq!(off(&statuses, (0, 8)), None);
+        assert_eq!(off(&statuses, (7, 7)), None);
+        assert_eq!(off(&statuses, (8, 8)), Some(0.0));
     }
 }

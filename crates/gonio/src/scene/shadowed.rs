@@ -4,7 +4,7 @@ use glam::DVec3;
 
 use super::observations::LEAST_POINTS;
 use super::{Observations, SceneError};
-use crate::shape::{Camera, Lookout, Surface, Visibility, hit_at};
+use crate::shape::{Camera, Surface, Viewpoint, Visibility, hit_at};
 use crate::sphere::OctahedralMap;
 
 /// Smallest visible share of a uniform sky; below it, the object itself lights the point as much as
@@ -37,13 +37,13 @@ impl Observations {
         if surface.is_convex() {
             return Ok(());
         }
-        let lookouts: Option<Vec<Lookout>> = self
+        let lookouts: Option<Vec<Viewpoint>> = self
             .pixels
             .iter()
             .zip(&self.points)
             .map(|(&(x, y), point)| {
                 let hit = hit_at(surface, camera, x as usize, y as usize)?;
-                Some(Lookout { from: hit.clear, normal: point.normal })
+                Some(Viewpoint { from: hit.clear, normal: point.normal })
             })
             .collect();
         let lookouts = lookouts.ok_or(SceneError::NoSurface)?;

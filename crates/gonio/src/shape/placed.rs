@@ -7,7 +7,7 @@ use thiserror::Error;
 const MARGIN: f64 = 0.05;
 
 /// A surface in camera coordinates, with its camera.
-pub struct Placed {
+pub struct PosedSurface {
     /// The surface.
     pub surface: Box<dyn Surface + Send>,
     /// The camera.
@@ -18,7 +18,7 @@ pub struct Placed {
 
 /// Error in placing a mesh in front of a camera.
 #[derive(Clone, Debug, Error, PartialEq)]
-pub enum PlacedError {
+pub enum PoseError {
     /// The camera is invalid, for example because the mesh has no extent to frame.
     #[error(transparent)]
     Camera(#[from] CameraError),
@@ -30,14 +30,14 @@ pub enum PlacedError {
     Unseen,
 }
 
-impl Placed {
+impl PosedSurface {
     /// Places a mesh, given in world coordinates, in front of its camera.
     ///
     /// Without a camera, an orthographic one along -z frames the mesh, for pictures of `size`.
     ///
     /// # Errors
     /// If the mesh is not visible to the camera, or either of them is invalid.
-    pub fn of_mesh(mesh: &Mesh, camera: Option<Camera>, size: (usize, usize)) -> Result<Self, PlacedError> {
+    pub fn of_mesh(mesh: &Mesh, camera: Option<Camera>, size: (usize, usize)) -> Result<Self, PoseError> {
         let default_camera = camera.is_none();
         let camera = match camera {
             Some(camera) => camera,
@@ -48,7 +48,7 @@ impl Placed {
         };
         let surface = Box::new(Tracer::new(mesh.transformed(&camera.to_world.inverse())?));
         let placed = Self { surface, camera, default_camera };
-        if placed.is_seen() { Ok(placed) } else { Err(PlacedError::Unseen) }
+        if placed.is_seen() { Ok(placed) } else { Err(PoseError::Unseen) }
     }
 
     /// Returns whether the surface is visible in any pixel.
@@ -94,11 +94,11 @@ mod tests {
     #[test]
     fn frames_meshes_and_rejects_invisible_ones() {
         let mesh = Form::Blob.mesh(24).unwrap();
-        let framed = Placed::of_mesh(&mesh, None, (40, 30)).unwrap();
+        let framed = PosedSurface::of_mesh(&mesh, None, (40, 30)).unwrap();
         assert_eq!(framed.camera.size, (40, 30));
         // The mesh is outside the picture.
         let aside = Camera::new(Projection::Orthographic { pixels_per_unit: 1.0 }, (-500.0, 0.0), (40, 30)).unwrap();
-        assert_eq!(Placed::of_mesh(&mesh, Some(aside), (40, 30)).err(), Some(PlacedError::Unseen));
+        assert_eq!(PosedSurface::of_mesh(&mesh, Some(aside), (40, 30)).err(), Some(PoseError::Unseen));
     }
 
     #[test]

@@ -46,10 +46,10 @@ fn plane(half: f64) -> MeshParts {
     MeshParts { positions: positions.to_vec(), triangles: vec![[0, 1, 2], [0, 2, 3]], normals: None }
 }
 
-fn lookout(surface: &Tracer, above: DVec3, down: DVec3) -> (Lookout, Hit) {
+fn lookout(surface: &Tracer, above: DVec3, down: DVec3) -> (Viewpoint, Hit) {
     let hit = surface.hit(&Ray { origin: above, direction: down });
     let hit = hit.unwrap_or_else(|| panic!("no hit from {above} along {down}"));
-    (Lookout { from: hit.clear, normal: hit.normal }, hit)
+    (Viewpoint { from: hit.clear, normal: hit.normal }, hit)
 }
 
 #[test]
@@ -123,7 +123,7 @@ fn packets_match_single_rays() {
 }
 
 /// Returns the fraction of the light of a uniform sky that reaches a point.
-fn open(surface: &Tracer, point: Lookout, side: usize) -> f64 {
+fn open(surface: &Tracer, point: Viewpoint, side: usize) -> f64 {
     Visibility::trace(surface, &[point], MAP, side, &|_| ()).openness(&[point.normal])[0].open
 }
 
@@ -185,7 +185,7 @@ fn shares_match_brute_force() {
         points.extend(
             tracer
                 .hit(&Ray { origin: 4.0 * from, direction: -from })
-                .map(|h| Lookout { from: h.clear, normal: h.normal }),
+                .map(|h| Viewpoint { from: h.clear, normal: h.normal }),
         );
     }
     let visibility = Visibility::trace(&tracer, &points, MAP, side, &|_| ());
@@ -246,9 +246,9 @@ fn apply_multiplies_values_by_shares() {
 #[test]
 fn visibility_does_not_depend_on_threads() {
     let tracer = Tracer::new(Form::Bowl.mesh(30).unwrap());
-    let points: Vec<Lookout> = fibonacci_hemisphere(50)
+    let points: Vec<Viewpoint> = fibonacci_hemisphere(50)
         .filter_map(|d| tracer.hit(&Ray { origin: 4.0 * d, direction: -d }))
-        .map(|h| Lookout { from: h.clear, normal: h.normal })
+        .map(|h| Viewpoint { from: h.clear, normal: h.normal })
         .collect();
     let with = |threads| on_threads(threads, || Visibility::trace(&tracer, &points, MAP, 16, &|_| ()));
     assert_eq!(with(1), with(3));

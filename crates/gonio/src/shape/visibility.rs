@@ -12,7 +12,7 @@ const FINE: usize = 4;
 
 /// A surface point at which to compute visibility.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Lookout {
+pub struct Viewpoint {
     /// Origin of the rays: [`Hit::clear`](super::Hit::clear).
     pub from: DVec3,
     /// Unit normal. Rays below its horizon are not traced.
@@ -50,7 +50,7 @@ impl Visibility {
     /// If `side` is not a power of two.
     pub fn trace(
         surface: &dyn Surface,
-        points: &[Lookout],
+        points: &[Viewpoint],
         map: OctahedralMap,
         side: usize,
         progress: &(dyn Fn(f64) + Sync),
@@ -242,7 +242,7 @@ impl Texels {
         Self { order, centres, near, fine, radius: map.cell_radius(side.ilog2()) }
     }
 
-    fn row(&self, surface: &dyn Surface, point: &Lookout) -> Row {
+    fn row(&self, surface: &dyn Surface, point: &Viewpoint) -> Row {
         // Centres slightly below the horizon are included, since parts of their texels are above
         // it.
         let lowest = -self.radius.sin();

@@ -54,7 +54,7 @@ impl Default for PlanSettings {
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum PlanError {
     /// There are too few points.
-    #[error("the surface has only {0} points, 50 are required")]
+    #[error("only {0} points have a value, but 50 are required; use a larger image or more of the object")]
     TooFewPoints(usize),
     /// The light prior does not cover the grid.
     #[error("the light prior supports grids of up to {covered} texels per side, not {side}")]

@@ -80,7 +80,7 @@ mod tests {
     use glam::{DQuat, Vec3};
 
     use super::*;
-    use crate::shape::{Form, Lookout, Ray, Surface, Tracer, Visibility};
+    use crate::shape::{Form, Ray, Surface, Tracer, Viewpoint, Visibility};
     use crate::sphere::{OctahedralMap, fibonacci_hemisphere};
     use crate::testing::ball;
 
@@ -99,7 +99,7 @@ mod tests {
         for from in fibonacci_hemisphere(60).map(|n| DVec3::new(0.9 * n.x, 0.9 * n.y, 3.0)) {
             if let Some(hit) = tracer.hit(&Ray { origin: from, direction: -view }) {
                 points.push(SurfacePoint { normal: hit.normal, view });
-                lookouts.push(Lookout { from: hit.clear, normal: hit.normal });
+                lookouts.push(Viewpoint { from: hit.clear, normal: hit.normal });
             }
         }
         (points, Visibility::trace(&tracer, &lookouts, MAP, SIDE, &|_| ()))

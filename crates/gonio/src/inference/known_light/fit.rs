@@ -61,7 +61,7 @@ impl FitPrior {
     };
 }
 
-/// Image under a known light, and the error of its logarithm.
+/// Logarithm of an image under a known light, and the prior of its material.
 ///
 /// `I_i = sum_c (R_ic + g S_ic) F_c`, where `S` is the matrix of the clipped pixels of the light,
 /// and `R` that of the others. The last coefficient is `ln g` if the light has clipped pixels.

@@ -20,10 +20,10 @@ mod encoder;
 mod encoder_shape;
 mod numbers;
 mod posterior;
+mod sphere_equivalent;
 mod spread;
 #[cfg(test)]
 pub(crate) mod tests;
-mod unshadow;
 
 pub use candidates::Candidates;
 pub use convolution::{Convolution, silu, silu_backward};
@@ -32,8 +32,8 @@ pub use encoder_shape::{EncoderError, EncoderShape, NamedLayer, Step};
 pub use numbers::{Ranking, peak_over_base};
 pub(crate) use posterior::sample;
 pub use posterior::{MaterialPosterior, Neighbour, interval_widths};
+pub use sphere_equivalent::{SphereEquivalent, SphereEquivalentSettings, to_sphere_equivalent};
 pub use spread::Spread;
-pub use unshadow::{UnshadowSettings, Unshadowed, unshadow};
 
 use crate::appearance::DiskImage;
 use crate::appearance::disk::{CHANNELS, SIDE};
@@ -56,8 +56,7 @@ pub struct LearntPosterior {
     pub widths: Vec<f32>,
     /// Network from the channels and globals of a [`DiskImage`] to its embedding.
     pub encoder: Encoder,
-    /// Smallest and largest value of each feature of the encoder in training, except for one in a
-    /// thousand at either end.
+    /// Quantiles of 0.1 and 99.9 % of each feature of the encoder in training.
     pub ranges: Vec<(f32, f32)>,
     /// Model of the colours of materials and lights; `None` if only luminance was learnt.
     pub colours: Option<ColourModel>,

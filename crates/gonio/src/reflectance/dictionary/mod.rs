@@ -133,8 +133,8 @@ impl Coordinates {
     }
 }
 
-/// Computes the logarithm of a table above its floor, with mean zero over the trusted cells; zero
-/// elsewhere.
+/// Computes the logarithm of a table plus its floor, shifted to mean zero over the trusted cells;
+/// zero elsewhere.
 pub(crate) fn relative_log(table: &BivariateTable) -> Vec<f64> {
     let values = table.as_slice();
     let mut kept: Vec<f32> = trusted_cells().map(|c| values[c]).collect();

@@ -143,7 +143,7 @@ fn ignores_and_counts_faulty_pixels_in_the_observed_region() {
     let (normals, settings) = (ball(), ObservationSettings { normals: 1_000_000, ..ObservationSettings::default() });
     let observe = |picture: &Picture| Observations::of_normals(picture, &normals, None, &settings);
     let clean = observe(&picture(&normals)).unwrap();
-    assert!(clean.fates.is_none() && clean.report.faulty == 0);
+    assert!(clean.statuses.is_none() && clean.report.faulty == 0);
     let mut bad = picture(&normals);
     bad.rgb[(0, 0)] = Vec3::NAN;
     bad.rgb[(200, 100)] = Vec3::splat(-1.0);
@@ -156,10 +156,10 @@ fn ignores_and_counts_faulty_pixels_in_the_observed_region() {
     let ObservationReport { negative, not_finite, negative_channels, faulty, used, specks, .. } = got.report;
     assert_eq!((negative, not_finite, negative_channels, faulty, specks), (1, 1, 25, 2, 0));
     assert_eq!((used, &got.points), (clean.report.used - 2, &clean.points));
-    let fates = got.fates.as_ref().unwrap();
+    let statuses = got.statuses.as_ref().unwrap();
     assert_eq!(
-        [(200, 100), (201, 100), (150, 150), (0, 0)].map(|at| fates[at]),
-        [Fate::Negative, Fate::NotFinite, Fate::Used, Fate::Outside]
+        [(200, 100), (201, 100), (150, 150), (0, 0)].map(|at| statuses[at]),
+        [PixelStatus::Negative, PixelStatus::NotFinite, PixelStatus::Used, PixelStatus::Outside]
     );
     assert!(got.weights.iter().all(|w| (0.0..=1.0).contains(w)));
     let at = got.pixels.iter().position(|at| *at == (150.5, 150.5)).unwrap();

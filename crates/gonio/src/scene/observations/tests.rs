@@ -69,12 +69,12 @@ fn y_points_up_and_pixel_centres_are_at_one_half() {
         assert_eq!(point.view, DVec3::Z);
     }
     let picture = Plane::from_fn(4, 4, |x, y| Vec3::splat((x + 10 * y) as f32));
-    let everywhere = picture.map(|_| Fate::Used);
+    let everywhere = picture.map(|_| PixelStatus::Used);
     let at = |x, y| sample(&picture, &everywhere, (x, y));
-    assert_eq!(at(1.5, 2.5), Seen::Colour(Vec3::splat(21.0)));
-    assert_eq!(at(2.0, 1.0), Seen::Colour(Vec3::splat(6.5)));
-    assert_eq!(at(0.5, 0.5), Seen::Colour(Vec3::splat(0.0)));
-    assert_eq!((at(0.4, 2.0), at(2.0, 3.6)), (Seen::Outside, Seen::Outside));
+    assert_eq!(at(1.5, 2.5), ObservedColour::Colour(Vec3::splat(21.0)));
+    assert_eq!(at(2.0, 1.0), ObservedColour::Colour(Vec3::splat(6.5)));
+    assert_eq!(at(0.5, 0.5), ObservedColour::Colour(Vec3::splat(0.0)));
+    assert_eq!((at(0.4, 2.0), at(2.0, 3.6)), (ObservedColour::Outside, ObservedColour::Outside));
 }
 
 #[test]
@@ -130,13 +130,15 @@ fn uncovered_and_cropped_points_have_no_value() {
 #[test]
 fn skips_faulty_pixels_next_to_valid_ones() {
     let clean = observe(&tilted()).unwrap();
-    for (bad, fate) in [(f32::NAN, Fate::NotFinite), (f32::INFINITY, Fate::NotFinite), (-0.1, Fate::Negative)] {
+    for (bad, status) in
+        [(f32::NAN, PixelStatus::NotFinite), (f32::INFINITY, PixelStatus::NotFinite), (-0.1, PixelStatus::Negative)]
+    {
         let mut picture = tilted();
         picture.rgb[(170, 140)] = Vec3::splat(bad);
         let got = observe(&picture).unwrap();
         let report = &got.report;
         assert_eq!((report.negative + report.not_finite, report.used + report.faulty), (1, report.points));
-        assert_eq!(got.fates.as_ref().unwrap()[(170, 140)], fate);
+        assert_eq!(got.statuses.as_ref().unwrap()[(170, 140)], status);
         for ((at, value), was) in got.pixels.iter().zip(&got.values).zip(&clean.values) {
             let weight = (1.0 - (at.0 - 170.5).abs()).max(0.0) * (1.0 - (at.1 - 140.5).abs()).max(0.0);
             assert_eq!(value.is_none(), weight > 0.5, "{at:?}");
@@ -153,7 +155,7 @@ fn skips_faulty_pixels_next_to_valid_ones() {
 #[test]
 fn negative_channels_are_zero_in_the_colour_but_not_in_the_luminance() {
     let got = observe(&ball(|n| Vec3::new(-0.1, 2.0 + n.x as f32, 1.0))).unwrap();
-    assert_eq!((got.report.used, got.report.negative, got.fates), (9916, 0, None));
+    assert_eq!((got.report.used, got.report.negative, got.statuses), (9916, 0, None));
     assert_eq!(got.report.negative_channels, got.report.observed_pixels);
     for (colour, value) in got.colours.iter().zip(&got.values) {
         let colour = colour.unwrap();

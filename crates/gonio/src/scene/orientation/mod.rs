@@ -24,7 +24,7 @@ pub use self::settings::OrientationSettings;
 use super::observed::check_size;
 use super::{Correction, SceneError};
 use crate::picture::Plane;
-use crate::remedy::Remedy;
+use crate::suggestion::Suggestion;
 
 /// Fit of an order of channels to a surface.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -157,8 +157,8 @@ pub struct Contradiction {
 }
 
 impl Contradiction {
-    /// Returns [`Remedy::NormalAxes`].
-    pub fn remedy(&self) -> Remedy {
-        Remedy::NormalAxes(self.corrections.clone())
+    /// Returns [`Suggestion::NormalAxes`].
+    pub fn suggestion(&self) -> Suggestion {
+        Suggestion::NormalAxes(self.corrections.clone())
     }
 }

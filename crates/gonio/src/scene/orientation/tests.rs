@@ -110,7 +110,7 @@ fn suggests_either_flip_without_a_rim() {
         complaint.starts_with("the normals seem to have y flipped: their slopes are not integrable ("),
         "{complaint}"
     );
-    assert_eq!(found.remedy(), Remedy::NormalAxes(vec![FLIP_Y, FLIP_X]));
+    assert_eq!(found.suggestion(), Suggestion::NormalAxes(vec![FLIP_Y, FLIP_X]));
 }
 
 #[test]

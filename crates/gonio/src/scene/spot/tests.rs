@@ -11,8 +11,8 @@ use rand_pcg::Pcg64;
 
 use super::*;
 use crate::lighting::{EnvironmentMap, lamp_light, sky_light, studio_light};
-use crate::remedy::Remedy;
 use crate::render::{LightTree, SphereSettings, render_sphere};
+use crate::suggestion::Suggestion;
 use crate::testing::{lobe, on_threads};
 
 const WIDTH: usize = 480;
@@ -207,7 +207,7 @@ fn rejects_two_balls_on_a_texture() {
     for circle in circles {
         assert!(candidates[..2].iter().any(|c| is_near(&c.circle, &circle, 0.01)), "{candidates:?}");
     }
-    assert!(matches!(&refused.remedies()[0], Remedy::OneOf(circles) if circles.len() == candidates.len()));
+    assert!(matches!(&refused.suggestions()[0], Suggestion::OneOf(circles) if circles.len() == candidates.len()));
 }
 
 fn each(colour: Vec3, of: impl Fn(f32) -> f32) -> Vec3 {
@@ -286,7 +286,7 @@ fn reports_separate_objects() {
     assert!(is_near(&round, &Circle { x: 130.0, y: 180.0, radius: 80.0 }, 0.02), "{round:?}");
     let square = objects.iter().find(|object| object.circle.is_none()).unwrap();
     assert!(square.from.0.abs_diff(300) <= 1 && square.to.1.abs_diff(240) <= 1, "{square:?}");
-    assert_eq!(refused.remedies(), [Remedy::OneOf(vec![round]), Remedy::Mask]);
+    assert_eq!(refused.suggestions(), [Suggestion::OneOf(vec![round]), Suggestion::Mask]);
     assert!(refused.to_string().starts_with("detected 2 separate objects: (1) "), "{refused}");
     // Objects that are small compared with the largest are ignored.
     let speck = |x: f64, y: f64| (300.0..320.0).contains(&x) && (100.0..120.0).contains(&y);
@@ -303,11 +303,17 @@ fn suggests_normals_and_meshes_for_outlines_that_are_not_ellipses() {
     });
     for picture in [bar, star] {
         let refused = spot(&picture, None).err().unwrap();
-        let remedies = refused.remedies();
-        assert!(remedies.contains(&Remedy::Normals) && remedies.contains(&Remedy::Mesh), "{refused}: {remedies:?}");
+        let suggestions = refused.suggestions();
+        assert!(
+            suggestions.contains(&Suggestion::Normals) && suggestions.contains(&Suggestion::Mesh),
+            "{refused}: {suggestions:?}"
+        );
         let coverage = outlined(&picture, None).unwrap();
-        let remedies = crate::scene::find_ellipse(&coverage).unwrap_err().remedies();
-        assert!(remedies.contains(&Remedy::Normals) && remedies.contains(&Remedy::Mesh), "{remedies:?}");
+        let suggestions = crate::scene::find_ellipse(&coverage).unwrap_err().suggestions();
+        assert!(
+            suggestions.contains(&Suggestion::Normals) && suggestions.contains(&Suggestion::Mesh),
+            "{suggestions:?}"
+        );
     }
 }
 

@@ -35,7 +35,7 @@ fn planted(tint: impl Fn(DVec3) -> [f64; 2]) -> LightGrid {
     LightGrid::from_texels(MAP, FINE, (0..FINE * FINE).map(texel).collect())
 }
 
-/// Tint from blue above to orange below, like that of captured light.
+/// ChromaticLight from blue above to orange below, like that of captured light.
 fn natural(d: DVec3) -> [f64; 2] {
     [-0.25 * d.y, 0.5 * d.y]
 }
@@ -92,7 +92,7 @@ fn colouring(field: &ChromaField) -> Colouring {
     Colouring::Estimate(Box::new(ColourEstimate::of(&table(), field.clone(), draws, light)))
 }
 
-fn tint(seen: &Observations, told: &ChromaField, light: &LightGrid) -> Tint {
+fn tint(seen: &Observations, told: &ChromaField, light: &LightGrid) -> ChromaticLight {
     let (table, light, told) = (table(), found(light), colouring(told));
     Rows::of(&prior(), seen, &table, &told, FINE).unwrap().unwrap().under(&told, &light).unwrap()
 }
@@ -130,7 +130,7 @@ fn recovers_the_colours_of_the_light_and_keeps_its_luminance() {
     assert!((off / all).sqrt() < 0.3, "{}", (off / all).sqrt());
     assert!(got.misfit < 0.02, "{}", got.misfit);
     assert!(got.apart[0] > 0.1 && got.apart[1] < 0.05, "{:?}", got.apart);
-    assert_eq!(got.doubt(), None);
+    assert_eq!(got.diagnostic(), None);
 }
 
 #[test]
@@ -138,13 +138,13 @@ fn warns_about_wrong_colours_but_not_about_noise() {
     let light = planted(natural);
     let seen = photograph(&table(), &green(), &light, 0.0);
     let grey = tint(&seen, &ChromaField::GREY, &light);
-    assert!(matches!(grey.doubt(), Some(Doubt::Colours(apart)) if apart > 0.3), "{:?}", grey.apart);
+    assert!(matches!(grey.diagnostic(), Some(Diagnostic::Colours(apart)) if apart > 0.3), "{:?}", grey.apart);
     // The coloured light explains the photograph nevertheless.
     assert!(grey.misfit < 0.06, "{}", grey.misfit);
     // Relative noise of 0.2 in each channel is a chroma difference of 0.34 in a single pixel. The
     // mean product over 450 pixels is zero, up to the square of 0.09.
     let noisy = tint(&photograph(&table(), &green(), &light, 0.2), &green(), &light);
-    assert!(noisy.apart[1] < 0.15 && noisy.doubt().is_none(), "{:?}", noisy.apart);
+    assert!(noisy.apart[1] < 0.15 && noisy.diagnostic().is_none(), "{:?}", noisy.apart);
 }
 
 #[test]

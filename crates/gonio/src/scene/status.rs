@@ -11,7 +11,7 @@ use crate::picture::{Plane, luminance};
 /// Status of a pixel.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[repr(u8)]
-pub enum Fate {
+pub enum PixelStatus {
     /// The pixel is not on the object, not within the circle, or seen at too steep an angle.
     #[default]
     Outside,
@@ -36,7 +36,7 @@ pub enum Fate {
     NoNormal,
 }
 
-impl Fate {
+impl PixelStatus {
     /// Whether the value of the pixel is invalid.
     pub(crate) fn is_faulty(self) -> bool {
         matches!(self, Self::Negative | Self::NotFinite | Self::Outlier)
@@ -61,7 +61,7 @@ impl Fate {
 
 /// Status of all pixels, with counts.
 pub(super) struct Judged {
-    pub(super) fates: Plane<Fate>,
+    pub(super) statuses: Plane<PixelStatus>,
     /// Report with the counts of pixels filled in.
     pub(super) report: ObservationReport,
 }
@@ -81,51 +81,54 @@ pub(super) fn judge(
     report: ObservationReport,
 ) -> Result<Judged, SceneError> {
     let (width, height) = rgb.size();
-    let fate = |(&colour, &inside): (&Vec3, &bool)| match inside {
-        true => Fate::fault(colour).unwrap_or(Fate::Used),
-        false => Fate::Outside,
+    let status = |(&colour, &inside): (&Vec3, &bool)| match inside {
+        true => PixelStatus::fault(colour).unwrap_or(PixelStatus::Used),
+        false => PixelStatus::Outside,
     };
-    let fates: Vec<Fate> = rgb.as_slice().iter().zip(region.as_slice()).map(fate).collect();
-    let mut fates = Plane::from_vec(width, height, fates);
-    let sound = fates.map(|fate| *fate == Fate::Used);
+    let statuses: Vec<PixelStatus> = rgb.as_slice().iter().zip(region.as_slice()).map(status).collect();
+    let mut statuses = Plane::from_vec(width, height, statuses);
+    let sound = statuses.map(|status| *status == PixelStatus::Used);
     let outliers = outliers(rgb, &sound);
     for pixel in outliers.excluded {
-        fates.as_mut_slice()[pixel] = Fate::Outlier;
+        statuses.as_mut_slice()[pixel] = PixelStatus::Outlier;
     }
-    let sound = fates.map(|fate| *fate == Fate::Used);
+    let sound = statuses.map(|status| *status == PixelStatus::Used);
     let clip_level = clip_level(rgb, &sound, settings.clip);
-    for (fate, colour) in fates.as_mut_slice().iter_mut().zip(rgb.as_slice()) {
-        if matches!(fate, Fate::Used | Fate::Negative | Fate::Outlier) && is_clipped(*colour, clip_level) {
-            *fate = Fate::Clipped;
+    for (status, colour) in statuses.as_mut_slice().iter_mut().zip(rgb.as_slice()) {
+        if matches!(status, PixelStatus::Used | PixelStatus::Negative | PixelStatus::Outlier)
+            && is_clipped(*colour, clip_level)
+        {
+            *status = PixelStatus::Clipped;
         }
     }
     if !settings.keep_colours
-        && let Some(other) = foreign(rgb, &|at| fates[at] == Fate::Used, underlay)
+        && let Some(other) = foreign(rgb, &|at| statuses[at] == PixelStatus::Used, underlay)
     {
-        for (fate, other) in fates.as_mut_slice().iter_mut().zip(other.as_slice()) {
-            if *other && *fate == Fate::Used {
-                *fate = Fate::OtherColour;
+        for (status, other) in statuses.as_mut_slice().iter_mut().zip(other.as_slice()) {
+            if *other && *status == PixelStatus::Used {
+                *status = PixelStatus::OtherColour;
             }
         }
     }
-    let count = |which: Fate| fates.as_slice().iter().filter(|fate| **fate == which).count();
-    let tainted = |(fate, colour): &(&Fate, &Vec3)| **fate == Fate::Used && colour.min_element() < 0.0;
+    let count = |which: PixelStatus| statuses.as_slice().iter().filter(|status| **status == which).count();
+    let tainted =
+        |(status, colour): &(&PixelStatus, &Vec3)| **status == PixelStatus::Used && colour.min_element() < 0.0;
     let report = ObservationReport {
         observed_pixels: region.as_slice().iter().filter(|inside| **inside).count(),
-        clipped_pixels: count(Fate::Clipped),
+        clipped_pixels: count(PixelStatus::Clipped),
         clip_level,
-        negative: count(Fate::Negative),
-        not_finite: count(Fate::NotFinite),
-        outliers: count(Fate::Outlier),
+        negative: count(PixelStatus::Negative),
+        not_finite: count(PixelStatus::NotFinite),
+        outliers: count(PixelStatus::Outlier),
         isolated: outliers.kept,
-        negative_channels: fates.as_slice().iter().zip(rgb.as_slice()).filter(tainted).count(),
-        other_colour_pixels: count(Fate::OtherColour),
+        negative_channels: statuses.as_slice().iter().zip(rgb.as_slice()).filter(tainted).count(),
+        other_colour_pixels: count(PixelStatus::OtherColour),
         ..report
     };
     if 2 * (report.negative + report.not_finite) > report.observed_pixels {
         return Err(SceneError::bad_pixels(&report));
     }
-    Ok(Judged { fates, report })
+    Ok(Judged { statuses, report })
 }
 
 #[cfg(test)]
@@ -139,13 +142,13 @@ mod tests {
             (Vec3::new(1.0, -0.1, 0.3), None),
             (Vec3::ZERO, None),
             (-Vec3::ZERO, None),
-            (Vec3::new(0.1, -1.0, 0.1), Some(Fate::Negative)),
-            (Vec3::splat(-1e-6), Some(Fate::Negative)),
-            (Vec3::new(1.0, 1.0, f32::NAN), Some(Fate::NotFinite)),
-            (Vec3::new(1.0, f32::INFINITY, 1.0), Some(Fate::NotFinite)),
-            (Vec3::new(f32::NEG_INFINITY, 1.0, 1.0), Some(Fate::NotFinite)),
+            (Vec3::new(0.1, -1.0, 0.1), Some(PixelStatus::Negative)),
+            (Vec3::splat(-1e-6), Some(PixelStatus::Negative)),
+            (Vec3::new(1.0, 1.0, f32::NAN), Some(PixelStatus::NotFinite)),
+            (Vec3::new(1.0, f32::INFINITY, 1.0), Some(PixelStatus::NotFinite)),
+            (Vec3::new(f32::NEG_INFINITY, 1.0, 1.0), Some(PixelStatus::NotFinite)),
         ] {
-            assert_eq!(Fate::fault(colour), want, "{colour}");
+            assert_eq!(PixelStatus::fault(colour), want, "{colour}");
         }
     }
 

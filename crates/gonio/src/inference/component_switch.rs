@@ -22,13 +22,13 @@ const GAIN: f64 = 1e-9;
 /// Up to a constant, it is `<log q> + S <l^2> / 2 - P <l> - <log p(l)>`, with the precision `S` and
 /// the push `P` of the image.
 #[derive(Clone, Copy)]
-pub(super) struct Alone<'a> {
+pub(super) struct CoordinateObjective<'a> {
     pub(super) mixture: &'a ScaleMixture,
     pub(super) stiffness: f64,
     pub(super) push: f64,
 }
 
-impl Alone<'_> {
+impl CoordinateObjective<'_> {
     fn cost(&self, l: &Moments) -> f64 {
         let square = l.mean_square();
         l.mean_log + 0.5 * self.stiffness * square - self.push * l.mean - self.mixture.log_density_of_square(square)
@@ -70,7 +70,7 @@ impl Alone<'_> {
 ///
 /// Each minimisation uses the results of those before it, so the cost never increases. `now` are
 /// the expectations of `ensemble`; the returned expectations are those of the returned ensemble.
-pub(super) fn leap(
+pub(super) fn component_switch(
     problem: &Problem<'_>,
     ensemble: &Ensemble,
     now: Expectations,
@@ -88,7 +88,7 @@ pub(super) fn leap(
         pull_weights(problem, &now, &a, &y, &mut weights);
         let pull = dispatch(|| dot(column, &weights));
         let stiffness = precision * g2 * stiffness[m];
-        let alone = Alone { mixture, stiffness, push: precision * pull + stiffness * l[m].mean };
+        let alone = CoordinateObjective { mixture, stiffness, push: precision * pull + stiffness * l[m].mean };
         let (best, cost) = alone.best();
         if alone.cost(&l[m]) - cost <= GAIN {
             continue;
@@ -124,13 +124,13 @@ pub(super) fn leap_at_once(problem: &Problem<'_>, ensemble: &Ensemble, now: Expe
 pub(super) fn alone<'a>(
     problem: &'a Problem<'_>,
     now: &'a Expectations,
-) -> impl Iterator<Item = (usize, Alone<'a>)> + 'a {
+) -> impl Iterator<Item = (usize, CoordinateObjective<'a>)> + 'a {
     let AllMoments { l, g, precision, .. } = &now.moments;
     let pull = now.pull(problem);
     problem.light.iter().enumerate().filter_map(move |(i, prior)| {
         let CoefficientPrior::Mixture(mixture) = prior else { return None };
         let m = i + 1;
         let stiffness = precision * g.mean_square() * pull.stiffness[m];
-        Some((m, Alone { mixture, stiffness, push: precision * pull.light[m] + stiffness * l[m].mean }))
+        Some((m, CoordinateObjective { mixture, stiffness, push: precision * pull.light[m] + stiffness * l[m].mean }))
     })
 }

@@ -8,7 +8,7 @@ use crate::scene::{Circle, Correction};
 /// function.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
-pub enum Remedy {
+pub enum Suggestion {
     /// Specify the outline of the ball.
     Outline,
     /// Specify one of these circles as the outline of the ball, the most probable first.

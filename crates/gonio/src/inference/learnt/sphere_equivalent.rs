@@ -17,7 +17,7 @@ use crate::transfer::{PlanSettings, Prediction, QuadratureSettings, predict};
 
 /// Settings of the removal of shadows.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct UnshadowSettings {
+pub struct SphereEquivalentSettings {
     /// Largest number of estimates of material and light.
     pub rounds: usize,
     /// Mean absolute change of the log ratios below which they have converged.
@@ -28,7 +28,7 @@ pub struct UnshadowSettings {
     pub rows: usize,
 }
 
-impl Default for UnshadowSettings {
+impl Default for SphereEquivalentSettings {
     fn default() -> Self {
         Self { rounds: 5, tolerance: 0.03, each: 4, rows: 1200 }
     }
@@ -48,7 +48,7 @@ const EDGE_WEIGHT: f64 = 1e-3;
 
 /// Image on the disk of normals, corrected for shadows.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Unshadowed {
+pub struct SphereEquivalent {
     /// Luminance image of the equivalent sphere.
     pub image: DiskImage,
     /// Images of red, green and blue; `None` for a black channel.
@@ -66,13 +66,13 @@ pub struct Unshadowed {
 ///
 /// # Panics
 /// If nothing is observed.
-pub fn unshadow(
+pub fn to_sphere_equivalent(
     observations: &Observations,
     learnt: &LearntPosterior,
     prior: &LightPrior,
     plan: &PlanSettings,
-    settings: &UnshadowSettings,
-) -> Result<Unshadowed, LightError> {
+    settings: &SphereEquivalentSettings,
+) -> Result<SphereEquivalent, LightError> {
     let weights = observations.trust();
     let points = &observations.points;
     let samples = observations.samples();
@@ -81,7 +81,7 @@ pub fn unshadow(
     let parallel = points.iter().all(|p| p.view == glam::DVec3::Z);
     let mut change = 0.0;
     if observations.visibility.is_none() && parallel {
-        return Ok(Unshadowed { image, channels, change });
+        return Ok(SphereEquivalent { image, channels, change });
     }
     let lattice = Lattice::new();
     let few = observations.thinned(settings.rows);
@@ -123,7 +123,7 @@ pub fn unshadow(
             break;
         }
     }
-    Ok(Unshadowed { image, channels, change })
+    Ok(SphereEquivalent { image, channels, change })
 }
 
 /// Returns the images of the channels of samples whose luminance is `image`.

@@ -4,14 +4,14 @@ use std::sync::Mutex;
 use std::time::Instant;
 
 /// Reports the progress of each stage to a front end and records the duration of each stage.
-pub struct Journal<'a> {
+pub struct ProgressLog<'a> {
     listener: &'a (dyn Fn(&'static str, f64) + Sync),
     begun: Mutex<Vec<(&'static str, Instant)>>,
 }
 
-impl<'a> Journal<'a> {
-    /// Creates a journal and begins its first stage. `listener` receives the name of the stage and
-    /// the completed fraction of it, in 0..=1.
+impl<'a> ProgressLog<'a> {
+    /// Creates a progress_log and begins its first stage. `listener` receives the name of the stage
+    /// and the completed fraction of it, in 0..=1.
     pub fn new(stage: &'static str, listener: &'a (dyn Fn(&'static str, f64) + Sync)) -> Self {
         Self { listener, begun: Mutex::new(vec![(stage, Instant::now())]) }
     }
@@ -59,11 +59,11 @@ mod tests {
         let start = Instant::now();
         let heard = Mutex::new(Vec::new());
         let listener = |stage: &'static str, x: f64| heard.lock().unwrap().push((stage, x));
-        let journal = Journal::new("reading", &listener);
-        journal.at("light", 0.0);
-        journal.at("light", 0.5);
-        journal.at("reading", 0.2);
-        let seconds = journal.seconds();
+        let progress_log = ProgressLog::new("reading", &listener);
+        progress_log.at("light", 0.0);
+        progress_log.at("light", 0.5);
+        progress_log.at("reading", 0.2);
+        let seconds = progress_log.seconds();
         assert_eq!(seconds.iter().map(|s| s.0).collect::<Vec<_>>(), ["reading", "light"]);
         let total: f64 = seconds.iter().map(|s| s.1).sum();
         assert!(total > 0.0 && total <= start.elapsed().as_secs_f64());

@@ -6,17 +6,17 @@ use super::Reason;
 
 /// Diagnostic of an estimate, displayed as one line.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Doubt {
+pub enum Diagnostic {
     /// Share of a sphere's normals that are not visible on the object.
     Filled(f64),
     /// Share of the photograph's features outside the range of the training data.
     Strange(f64),
     /// Share of the BRDF's domain that is undetermined.
     Open(f64),
-    /// Difference between photograph and BRDF from green to magenta ([`Tint::apart`]), in natural
-    /// logarithms. Few lights explain it.
+    /// Difference between photograph and BRDF from green to magenta ([`ChromaticLight::apart`]), in
+    /// natural logarithms. Few lights explain it.
     ///
-    /// [`Tint::apart`]: super::Tint::apart
+    /// [`ChromaticLight::apart`]: super::ChromaticLight::apart
     Colours(f64),
     /// Relative standard deviation of pixels that share a normal.
     Scatter(f64),
@@ -51,7 +51,7 @@ pub enum Doubt {
     },
 }
 
-impl fmt::Display for Doubt {
+impl fmt::Display for Diagnostic {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Filled(share) => write!(

@@ -4,18 +4,18 @@
 //! are `L_c(w) = w_c L(w) (1 + t_c(w))`, where `w_c` is its overall colour. The tints `t` of red
 //! and blue are Gaussian fields along two axes, with the statistics of captured light; the tint of
 //! green preserves the luminance. An image is linear in the tints, so their posterior is Gaussian.
-//! [`Tint::grid`] is the light of the posterior mean.
+//! [`ChromaticLight::grid`] is the light of the posterior mean.
 //!
 //! Captured light varies from blue to orange, and little from green to magenta. If photograph and
-//! BRDF differ along the green-magenta axis ([`Tint::apart`]), either the colours of the BRDF are
-//! wrong, or the light is unusual, for example over grass.
+//! BRDF differ along the green-magenta axis ([`ChromaticLight::apart`]), either the colours of the
+//! BRDF are wrong, or the light is unusual, for example over grass.
 
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, Par};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
-use super::{Colouring, Doubt, EstimateError, Light};
+use super::{Colouring, Diagnostic, EstimateError, Light};
 use crate::colour::Chroma;
 use crate::inference::light::{Cholesky, LightError};
 use crate::lighting::{LightGrid, LightPrior};
@@ -54,7 +54,7 @@ const TOO_FAR: f64 = 0.2;
 
 /// Colours of a light, and their residual.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Tint {
+pub struct ChromaticLight {
     /// The light in linear RGB, with the luminance of [`Light::grid`].
     pub grid: LightGrid,
     /// Root mean square difference between the chroma of the photograph and that of the BRDF in a
@@ -66,7 +66,7 @@ pub struct Tint {
     pub misfit: f64,
 }
 
-impl Tint {
+impl ChromaticLight {
     /// Estimates the colours of the light; `None` if the photograph or the requested BRDF is grey.
     ///
     /// # Errors
@@ -83,8 +83,8 @@ impl Tint {
     }
 
     /// Returns a diagnostic if the colours of the BRDF are unreliable.
-    pub(super) fn doubt(&self) -> Option<Doubt> {
-        (self.apart[1] > TOO_FAR).then_some(Doubt::Colours(self.apart[1]))
+    pub(super) fn diagnostic(&self) -> Option<Diagnostic> {
+        (self.apart[1] > TOO_FAR).then_some(Diagnostic::Colours(self.apart[1]))
     }
 }
 
@@ -120,7 +120,7 @@ impl Rows {
     }
 
     /// Estimates the colours of a light; `None` if the photograph is black.
-    pub(super) fn under(&self, colouring: &Colouring, light: &Light) -> Option<Tint> {
+    pub(super) fn under(&self, colouring: &Colouring, light: &Light) -> Option<ChromaticLight> {
         Images::of(self, colouring, light).map(|images| images.tint(light))
     }
 }
@@ -190,7 +190,7 @@ impl Images {
         (0..self.colours.len()).map(|i| DVec3::from_array([0, 1, 2].map(|c| sum(c, i)))).collect()
     }
 
-    fn tint(&self, light: &Light) -> Tint {
+    fn tint(&self, light: &Light) -> ChromaticLight {
         let plain = self.plain();
         let tints = self.posterior(&plain, light.misfit.max(LEAST_ERROR), light.grid.map());
         let (fine, white) = (light.grid.side(), Vec3::from_array(self.white.map(|x| x as f32)));
@@ -201,7 +201,7 @@ impl Images {
             luminance(*radiance) * colour / luminance(colour).max(1e-6)
         };
         let texels = light.grid.texels().iter().enumerate().map(texel).collect();
-        Tint {
+        ChromaticLight {
             grid: LightGrid::from_texels(light.grid.map(), fine, texels),
             apart: self.apart(&plain),
             misfit: self.misfit(&tints),

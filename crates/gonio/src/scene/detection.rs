@@ -5,11 +5,11 @@ use glam::{DVec3, Vec3};
 use super::observed::check_size;
 use super::spot::spot;
 use super::{
-    Circle, Ellipse, ObservationSettings, Observations, Oddity, Orientation, SceneError, Sureness, SurfaceView,
+    Circle, Ellipse, ObservationSettings, Observations, Orientation, SceneError, SceneWarning, Sureness, SurfaceView,
     coverage_of, find_ball, find_ellipse, outlined,
 };
 use crate::picture::{Picture, Plane};
-use crate::shape::{Camera, GeometryBuffer, Mesh, Placed, Projection, Soundness, Tracer};
+use crate::shape::{Camera, GeometryBuffer, Mesh, PosedSurface, Projection, Soundness, Tracer};
 use crate::sphere::OctahedralMap;
 
 /// Length of an edge of a position mesh, relative to the median, above which the edge is a step.
@@ -27,7 +27,7 @@ const RIM: f64 = 1.5;
 const FEW_OUTLIERS: f64 = 0.001;
 
 /// Positions of a surface pixel by pixel, in coordinates of the camera.
-pub struct Relief {
+pub struct PositionMap {
     /// Position of the surface behind each pixel.
     pub places: Plane<Option<DVec3>>,
     /// The camera.
@@ -44,7 +44,7 @@ pub enum Object {
     /// pixels; `None` assumes the geometric mean of the two visible semi-axes.
     Ellipsoid(Option<f64>),
     /// A surface in front of a camera.
-    Surface(Placed),
+    Surface(PosedSurface),
     /// Any shape, given by a normal map.
     Normals(Box<NormalPicture>),
 }
@@ -57,7 +57,7 @@ pub struct NormalPicture {
     /// The camera; `None` for an orthographic one.
     pub camera: Option<Camera>,
     /// Positions of the surface, for its self-shadowing.
-    pub relief: Option<Relief>,
+    pub relief: Option<PositionMap>,
     /// Whether to skip the consistency checks of the normals.
     pub trusted: bool,
 }
@@ -67,7 +67,9 @@ pub struct NormalPicture {
 pub enum Found {
     /// Outline of a ball, given or detected.
     Circle(Circle),
-    /// Centre of a ball of radius one, in coordinates of the camera.
+    /// Centre of a ball, in camera coordinates. In perspective, its distance is one, since the
+    /// outline determines only the direction and the angular radius; an orthographic camera does
+    /// not determine the distance.
     Ball(DVec3),
     /// Outline of an ellipsoid and the length of its semi-axis towards the camera, in pixels.
     Ellipse(Ellipse, f64),
@@ -78,7 +80,7 @@ pub enum Found {
 }
 
 /// Observations of an object in a picture, and its location.
-pub struct Sighting {
+pub struct Detection {
     /// The points and their values.
     pub observations: Observations,
     /// Coverage of the pixels by the object, 0..=1, if known.
@@ -90,15 +92,15 @@ pub struct Sighting {
     /// Normals of the object, unless it is a distant ball.
     pub normals: Option<Plane<Vec3>>,
     /// The surface and its camera, if known.
-    pub placed: Option<Placed>,
+    pub placed: Option<PosedSurface>,
     /// Number of pixels that show the surface, and number of those that are back-facing, if a
     /// surface was traced.
     pub pixels: Option<(usize, usize)>,
     /// Warnings.
-    pub oddities: Vec<Oddity>,
+    pub scene_warnings: Vec<SceneWarning>,
 }
 
-impl Sighting {
+impl Detection {
     /// Detects the object and samples the picture on it.
     ///
     /// The object is given by `mask`, else by the alpha channel of the picture or a plain
@@ -120,20 +122,20 @@ impl Sighting {
             check_size("mask", mask.size(), size)?;
         }
         let masked = mask.is_some();
-        let looker = |coverage| Looker { picture, coverage, masked, settings };
+        let looker = |coverage| Detector { picture, coverage, masked, settings };
         let known = || looker(coverage_of(picture, mask.as_ref()));
-        let mut sighting = match object {
+        let mut detection = match object {
             Object::Sphere(Some(circle)) => known().circle(circle)?,
             Object::Sphere(None) => {
                 let spotted = spot(picture, mask.as_ref())?;
-                Sighting { sureness: spotted.sureness, ..looker(spotted.coverage).circle(spotted.circle)? }
+                Detection { sureness: spotted.sureness, ..looker(spotted.coverage).circle(spotted.circle)? }
             }
             Object::Ball(camera) => {
                 let coverage = outlined(picture, mask.as_ref())?;
                 let ball = find_ball(&coverage, &camera)?;
                 let looker = looker(Some(coverage));
                 looker.surface(
-                    Placed { surface: Box::new(ball), camera, default_camera: false },
+                    PosedSurface { surface: Box::new(ball), camera, default_camera: false },
                     Found::Ball(ball.centre()),
                 )?
             }
@@ -144,39 +146,39 @@ impl Sighting {
                 let surface = Box::new(ellipse.with_depth(depth)?);
                 let camera = Camera::new(Projection::Orthographic { pixels_per_unit: 1.0 }, (0.0, 0.0), size)?;
                 let looker = looker(Some(coverage));
-                let mut sighting = looker
-                    .surface(Placed { surface, camera, default_camera: false }, Found::Ellipse(ellipse, depth))?;
+                let mut detection = looker
+                    .surface(PosedSurface { surface, camera, default_camera: false }, Found::Ellipse(ellipse, depth))?;
                 if given.is_none() {
-                    sighting.oddities.push(Oddity::Depth(depth));
+                    detection.scene_warnings.push(SceneWarning::Depth(depth));
                 }
-                sighting
+                detection
             }
             Object::Surface(placed) => known().surface(placed, Found::Surface)?,
             Object::Normals(view) => known().normals(*view)?,
         };
-        let report = &sighting.observations.report;
+        let report = &detection.observations.report;
         if report.clipped_pixels > 0 {
             let (clipped, observed) = (report.clipped_pixels, report.observed_pixels);
-            sighting.oddities.push(Oddity::Clipped { clipped, observed });
+            detection.scene_warnings.push(SceneWarning::Clipped { clipped, observed });
         }
-        let report = &sighting.observations.report;
+        let report = &detection.observations.report;
         let (negative, not_finite, observed) = (report.negative, report.not_finite, report.observed_pixels);
         if negative + not_finite > 0 {
-            sighting.oddities.push(Oddity::Faulty { negative, not_finite, observed });
+            detection.scene_warnings.push(SceneWarning::Faulty { negative, not_finite, observed });
         }
-        let outliers = sighting.observations.report.outliers;
+        let outliers = detection.observations.report.outliers;
         if outliers as f64 > FEW_OUTLIERS * observed as f64 {
-            sighting.oddities.push(Oddity::Outliers { outliers, observed });
+            detection.scene_warnings.push(SceneWarning::Outliers { outliers, observed });
         }
-        let isolated = sighting.observations.report.isolated;
+        let isolated = detection.observations.report.isolated;
         if isolated > 0 {
-            sighting.oddities.push(Oddity::Isolated { isolated, observed });
+            detection.scene_warnings.push(SceneWarning::Isolated { isolated, observed });
         }
-        let pixels = sighting.observations.report.other_colour_pixels;
+        let pixels = detection.observations.report.other_colour_pixels;
         if pixels > 0 {
-            sighting.oddities.push(Oddity::OtherColour { pixels, observed });
+            detection.scene_warnings.push(SceneWarning::OtherColour { pixels, observed });
         }
-        Ok(sighting)
+        Ok(detection)
     }
 
     /// Computes the self-shadowing of the surface, where there is one:
@@ -211,7 +213,7 @@ impl Sighting {
 }
 
 /// Inputs of the detection that do not depend on the shape.
-struct Looker<'a> {
+struct Detector<'a> {
     picture: &'a Picture,
     coverage: Option<Plane<f32>>,
     /// Whether the coverage is a given mask.
@@ -219,15 +221,15 @@ struct Looker<'a> {
     settings: &'a ObservationSettings,
 }
 
-impl Looker<'_> {
-    fn circle(self, circle: Circle) -> Result<Sighting, SceneError> {
+impl Detector<'_> {
+    fn circle(self, circle: Circle) -> Result<Detection, SceneError> {
         let observations = Observations::of_sphere(self.picture, &circle, self.coverage.as_ref(), self.settings)?;
-        Ok(self.sighting(observations, Found::Circle(circle)))
+        Ok(self.detection(observations, Found::Circle(circle)))
     }
 
-    fn surface(self, placed: Placed, found: Found) -> Result<Sighting, SceneError> {
+    fn surface(self, placed: PosedSurface, found: Found) -> Result<Detection, SceneError> {
         let buffer = GeometryBuffer::of(placed.surface.as_ref(), &placed.camera);
-        let mut oddities = Vec::new();
+        let mut scene_warnings = Vec::new();
         if let Some(coverage) = &self.coverage {
             let Overlap { share: overlap, is_rim, is_part } = Overlap::of(coverage, &buffer.distances);
             let is_aligned = is_rim || (self.masked && is_part);
@@ -235,52 +237,52 @@ impl Looker<'_> {
                 return Err(SceneError::Elsewhere { overlap, default_camera: placed.default_camera });
             }
             if overlap < GOOD_OVERLAP && !is_aligned {
-                oddities.push(Oddity::Misplaced { overlap });
+                scene_warnings.push(SceneWarning::Misplaced { overlap });
             }
         }
         if 20 * buffer.inside > buffer.seen {
-            oddities.push(Oddity::Inside { inside: buffer.inside, seen: buffer.seen });
+            scene_warnings.push(SceneWarning::Inside { inside: buffer.inside, seen: buffer.seen });
         }
         let view =
             SurfaceView { normals: &buffer.normals, camera: Some(&placed.camera), distances: Some(&buffer.distances) };
         let observations = Observations::of_view(self.picture, &view, self.coverage.as_ref(), self.settings)?;
-        Ok(Sighting {
+        Ok(Detection {
             normals: Some(buffer.normals),
             placed: Some(placed),
             pixels: Some((buffer.seen, buffer.inside)),
-            oddities,
-            ..self.sighting(observations, found)
+            scene_warnings,
+            ..self.detection(observations, found)
         })
     }
 
-    fn normals(self, view: NormalPicture) -> Result<Sighting, SceneError> {
+    fn normals(self, view: NormalPicture) -> Result<Detection, SceneError> {
         let NormalPicture { normals, camera, relief, trusted } = view;
-        let mut oddities = Vec::new();
+        let mut scene_warnings = Vec::new();
         if normals.size() == self.picture.rgb.size()
             && let Some(it) = Orientation::of(&normals, self.coverage.as_ref())?.contradiction()
         {
             if !trusted {
                 return Err(SceneError::Contradiction(it));
             }
-            oddities.push(Oddity::Contradiction(it));
+            scene_warnings.push(SceneWarning::Contradiction(it));
         }
         let view = SurfaceView { normals: &normals, camera: camera.as_ref(), distances: None };
         let observations = Observations::of_view(self.picture, &view, self.coverage.as_ref(), self.settings)?;
         let (placed, soundness) = relief.map(|relief| self.relief(relief, camera.is_none())).transpose()?.unzip();
-        Ok(Sighting {
+        Ok(Detection {
             normals: Some(normals),
             placed,
-            oddities,
-            ..self.sighting(observations, Found::Normals(soundness))
+            scene_warnings,
+            ..self.detection(observations, Found::Normals(soundness))
         })
     }
 
     /// Builds the surface of a position map, cut to the object.
     fn relief(
         &self,
-        Relief { mut places, camera }: Relief,
+        PositionMap { mut places, camera }: PositionMap,
         default_camera: bool,
-    ) -> Result<(Placed, Soundness), SceneError> {
+    ) -> Result<(PosedSurface, Soundness), SceneError> {
         let size = self.picture.rgb.size();
         check_size("depth or position map", places.size(), size)?;
         if let Some(coverage) = &self.coverage {
@@ -288,11 +290,11 @@ impl Looker<'_> {
             places = Plane::from_vec(size.0, size.1, cut.collect());
         }
         let (mesh, soundness) = Mesh::of_positions(&places, STEP)?;
-        Ok((Placed { surface: Box::new(Tracer::new(mesh)), camera, default_camera }, soundness))
+        Ok((PosedSurface { surface: Box::new(Tracer::new(mesh)), camera, default_camera }, soundness))
     }
 
-    fn sighting(self, observations: Observations, found: Found) -> Sighting {
-        Sighting {
+    fn detection(self, observations: Observations, found: Found) -> Detection {
+        Detection {
             observations,
             coverage: self.coverage,
             found,
@@ -300,7 +302,7 @@ impl Looker<'_> {
             normals: None,
             placed: None,
             pixels: None,
-            oddities: Vec::new(),
+            scene_warnings: Vec::new(),
         }
     }
 }
@@ -341,8 +343,8 @@ impl Overlap {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::remedy::Remedy;
     use crate::shape::Ellipsoid;
+    use crate::suggestion::Suggestion;
 
     /// A disk of this radius in a picture of 100 pixels, shifted to the right.
     fn disk(radius: f64, shift: f64) -> impl Fn(usize, usize) -> bool {
@@ -375,12 +377,12 @@ mod tests {
         let camera = Camera::new(Projection::Orthographic { pixels_per_unit: 30.0 }, (0.0, 0.0), size).unwrap();
         let of = |default_camera: bool| {
             let surface = Box::new(Ellipsoid::sphere(DVec3::new(1.0, 0.0, -5.0), 1.0).unwrap());
-            let object = Object::Surface(Placed { surface, camera, default_camera });
+            let object = Object::Surface(PosedSurface { surface, camera, default_camera });
             let mask = Plane::from_fn(100, 100, |x, y| if disk(30.0, 0.0)(x, y) { 1.0 } else { 0.0 });
             let picture = Picture { rgb: Plane::from_fn(100, 100, |_, _| Vec3::ONE), alpha: None };
-            let refused = Sighting::of(&picture, Some(mask), object, &ObservationSettings::default()).err().unwrap();
+            let refused = Detection::of(&picture, Some(mask), object, &ObservationSettings::default()).err().unwrap();
             assert!(matches!(refused, SceneError::Elsewhere { .. }), "{refused}");
-            refused.remedies().contains(&Remedy::Camera)
+            refused.suggestions().contains(&Suggestion::Camera)
         };
         assert!(of(true) && !of(false));
     }

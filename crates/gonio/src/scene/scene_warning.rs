@@ -3,11 +3,11 @@
 use std::fmt;
 
 use super::Contradiction;
-use crate::remedy::Remedy;
+use crate::suggestion::Suggestion;
 
 /// Warning about a detected object, displayed as one line.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Oddity {
+pub enum SceneWarning {
     /// The overlap of shape and object is too small.
     Misplaced {
         /// Pixels of both over pixels of either.
@@ -63,19 +63,19 @@ pub enum Oddity {
     },
 }
 
-impl Oddity {
+impl SceneWarning {
     /// Lists suggestions.
-    pub fn remedies(&self) -> Vec<Remedy> {
+    pub fn suggestions(&self) -> Vec<Suggestion> {
         match self {
-            Self::Depth(_) => vec![Remedy::DepthAxis],
-            Self::Contradiction(it) => vec![it.remedy()],
-            Self::OtherColour { .. } => vec![Remedy::KeepColours],
+            Self::Depth(_) => vec![Suggestion::DepthAxis],
+            Self::Contradiction(it) => vec![it.suggestion()],
+            Self::OtherColour { .. } => vec![Suggestion::KeepColours],
             _ => Vec::new(),
         }
     }
 }
 
-impl fmt::Display for Oddity {
+impl fmt::Display for SceneWarning {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Misplaced { overlap } => write!(

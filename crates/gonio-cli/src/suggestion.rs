@@ -1,40 +1,40 @@
 //! Words suggestions as options of the program.
 
-use gonio::remedy::Remedy;
 use gonio::scene::{Circle, Correction};
+use gonio::suggestion::Suggestion;
 use gonio_app::{Problem, Warning};
 
 /// Words a suggestion as an option.
-pub(crate) fn words(remedy: &Remedy) -> Option<String> {
-    let words = match remedy {
-        Remedy::Outline => "specify the outline of the ball with --circle X,Y,RADIUS",
-        Remedy::Ellipsoid => "use --shape ellipsoid if the object is an ellipsoid",
-        Remedy::DepthAxis => "specify it with --depth-axis PIXELS if it is known",
-        Remedy::Camera => "specify the camera with --camera FILE.json",
-        Remedy::Pose => "check --pose FILE.json",
-        Remedy::Mask => "specify a mask with --mask FILE",
-        Remedy::Mesh => "specify the shape with --mesh FILE",
-        Remedy::Normals => "specify the shape with --normals FILE",
-        Remedy::NormalAxes(corrections) => return axes(corrections),
-        Remedy::OneOf(circles) => return one_of(circles),
-        Remedy::TrustNormals => "skip this check with --trust-normals",
-        Remedy::KeepColours => "to use them, specify --keep-colors",
-        Remedy::AlignLight => "search for the rotation of the light map with --align-light",
-        Remedy::Force => "use --force to estimate anyway",
-        Remedy::Linear => "use --linear if the values are linear radiance",
-        Remedy::Layer => "select another layer with --layer NAME",
-        Remedy::DepthRange => "--depth-range NEAR,FAR specifies the range",
-        Remedy::ChartCorners => {
+pub(crate) fn words(suggestion: &Suggestion) -> Option<String> {
+    let words = match suggestion {
+        Suggestion::Outline => "specify the outline of the ball with --circle X,Y,RADIUS",
+        Suggestion::Ellipsoid => "use --shape ellipsoid if the object is an ellipsoid",
+        Suggestion::DepthAxis => "specify it with --depth-axis PIXELS if it is known",
+        Suggestion::Camera => "specify the camera with --camera FILE.json",
+        Suggestion::Pose => "check --pose FILE.json",
+        Suggestion::Mask => "specify a mask with --mask FILE",
+        Suggestion::Mesh => "specify the shape with --mesh FILE",
+        Suggestion::Normals => "specify the shape with --normals FILE",
+        Suggestion::NormalAxes(corrections) => return axes(corrections),
+        Suggestion::OneOf(circles) => return one_of(circles),
+        Suggestion::TrustNormals => "skip this check with --trust-normals",
+        Suggestion::KeepColours => "to use them, specify --keep-colors",
+        Suggestion::AlignLight => "search for the rotation of the light map with --align-light",
+        Suggestion::Force => "use --force to estimate anyway",
+        Suggestion::Linear => "use --linear if the values are linear radiance",
+        Suggestion::Layer => "select another layer with --layer NAME",
+        Suggestion::DepthRange => "--depth-range NEAR,FAR specifies the range",
+        Suggestion::ChartCorners => {
             "specify the centres of its corner patches (dark skin, bluish green, black, white) with --color-checker X,Y,X,Y,X,Y,X,Y"
         }
-        Remedy::ClipLevel => "if they are not clipped, specify the clipping level with --clip VALUE",
-        Remedy::ReferenceColourOnly => "use only its colour with --reference-color-only",
-        Remedy::Times => "--times 1/30,1/8,... specifies them",
-        Remedy::Separately => "pass one photograph at a time, or use `gonio batch IMAGE... -o DIR` for several",
-        Remedy::Turn => "specify the angle with --second-yaw DEGREES",
-        Remedy::SecondOutline => "specify the outline of the ball with --second-circle X,Y,RADIUS",
-        Remedy::SecondMask => "specify a mask with --second-mask FILE",
-        Remedy::LearnPosterior => {
+        Suggestion::ClipLevel => "if they are not clipped, specify the clipping level with --clip VALUE",
+        Suggestion::ReferenceColourOnly => "use only its colour with --reference-color-only",
+        Suggestion::Times => "--times 1/30,1/8,... specifies them",
+        Suggestion::Separately => "pass one photograph at a time, or use `gonio batch IMAGE... -o DIR` for several",
+        Suggestion::Turn => "specify the angle with --second-yaw DEGREES",
+        Suggestion::SecondOutline => "specify the outline of the ball with --second-circle X,Y,RADIUS",
+        Suggestion::SecondMask => "specify a mask with --second-mask FILE",
+        Suggestion::LearnPosterior => {
             "train one with `gonio train posterior` and add it with `gonio train model --posterior`, or use another --method"
         }
         _ => return None,
@@ -87,23 +87,23 @@ mod tests {
     fn words_corrections_as_options() {
         let flip = Correction { flip_y: true, ..Correction::default() };
         let swap = Correction { order: [1, 0, 2], ..flip };
-        let worded = words(&Remedy::NormalAxes(vec![flip, swap])).unwrap();
+        let worded = words(&Suggestion::NormalAxes(vec![flip, swap])).unwrap();
         assert_eq!(worded, "use --normals-flip-y (or --normals-order yxz --normals-flip-y)");
-        assert_eq!(words(&Remedy::NormalAxes(Vec::new())), None);
+        assert_eq!(words(&Suggestion::NormalAxes(Vec::new())), None);
     }
 
     #[test]
     fn words_circles_as_options() {
         let circles = [30.04, 50.0].map(|x| Circle { x, y: 40.0, radius: 20.26 }).to_vec();
         assert!(
-            words(&Remedy::OneOf(circles.clone()))
+            words(&Suggestion::OneOf(circles.clone()))
                 .unwrap()
                 .ends_with(": (1) --circle 30.0,40.0,20.3, (2) --circle 50.0,40.0,20.3")
         );
         assert_eq!(
-            words(&Remedy::OneOf(circles[..1].to_vec())).unwrap(),
+            words(&Suggestion::OneOf(circles[..1].to_vec())).unwrap(),
             "specify --circle 30.0,40.0,20.3 if that is the ball"
         );
-        assert_eq!(words(&Remedy::OneOf(Vec::new())), None);
+        assert_eq!(words(&Suggestion::OneOf(Vec::new())), None);
     }
 }

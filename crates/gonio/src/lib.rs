@@ -6,11 +6,9 @@
 //! 1. [`picture::Picture`]: linear RGB radiance, decoded by `gonio-io`; [`bracket::merge`] makes
 //!    one of several exposures.
 //! 2. [`scene::Detection::of`] detects the object and returns [`scene::Observations`]: points with
-//! a
-//!    normal, a view direction and a luminance.
+//!    a normal, a view direction and a luminance.
 //! 3. [`inference::learnt::to_sphere_equivalent`] converts them to the image of a sphere on the
-//! disk of
-//!    normals, [`appearance::DiskImage`].
+//!    disk of normals, [`appearance::DiskImage`].
 //! 4. [`inference::learnt::LearntPosterior::posterior`] evaluates the posterior of the material,
 //!    marginalised over the light. It is learnt from simulated photographs ([`simulation`]).
 //! 5. [`inference::light::LightProblem`] computes the posterior of the light given that material.

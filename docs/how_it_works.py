@@ -39,7 +39,7 @@ def gonio(*arguments):
 
 
 def infer(photograph, out, *arguments):
-    """Runs `gonio infer` and returns its notes."""
+    """Runs `gonio infer` and returns the content of `result.json`."""
     gonio("infer", photograph, "-o", out, "--no-report", *arguments)
     return json.loads((WORK / out / "result.json").read_text())
 
@@ -86,7 +86,7 @@ def write_mirror(path):
 
 
 def tone(rgb, white):
-    """For looking at: sRGB, with `white` just below white and a soft shoulder."""
+    """Converts radiance to sRGB for display; `white` is shown just below white, with a soft shoulder."""
     x = np.clip(rgb / white, 0, None)
     x = x * (1 + x / 4) / (1 + x)
     return np.clip(np.where(x < 0.0031308, 12.92 * x, 1.055 * np.maximum(x, 1e-9) ** (1 / 2.4) - 0.055), 0, 1)
@@ -98,7 +98,7 @@ def white_of(rgb, cover=None):
 
 
 def ball(picture):
-    """A picture with coverage, on the paper."""
+    """Composites a picture with coverage over the background."""
     cover = np.clip(picture[..., 3:4], 0, 1)
     own = np.divide(picture[..., :3], cover, out=np.zeros_like(picture[..., :3]), where=cover > 0)
     paper = np.array(matplotlib.colors.to_rgb(PAPER))
@@ -106,7 +106,7 @@ def ball(picture):
 
 
 def grey(picture):
-    """Its luminance, from which the material is found."""
+    """The luminance of a picture in all three channels."""
     return np.concatenate([np.repeat(picture[..., :3] @ RGB_TO_Y[:, None], 3, -1), picture[..., 3:]], -1)
 
 
@@ -117,7 +117,10 @@ def places(size):
 
 
 def misfit(picture, photograph):
-    """Photograph of a ball minus the picture at its best scale, relative, in luminance, within 75 degrees."""
+    """Luminance of the photograph of a ball minus that of the picture, scaled to minimise the difference.
+
+    The result is relative to the RMS of the photograph, and NaN beyond 75 degrees.
+    """
     inside = np.hypot(*places(photograph.shape[0])) < np.sin(np.radians(75))
     a, b = picture[..., :3] @ RGB_TO_Y, photograph[..., :3] @ RGB_TO_Y
     left = b - a * (a[inside] @ b[inside]) / (a[inside] @ a[inside])
@@ -149,7 +152,7 @@ def save(figure, name):
 
 
 def gloss(notes):
-    """The program's gloss in words, at its two significant digits."""
+    """The gloss and its 90 % interval in words, with two significant digits."""
     low, middle, high = (rounded(notes["posterior"]["gloss"][key]) for key in ("5", "50", "95"))
     return f"gloss {middle} ({low} to {high})"
 
@@ -159,25 +162,25 @@ def rounded(value):
 
 
 def true_gloss(table):
-    """The gloss as the program defines it: the BRDF along the normal over its mean at half angles
-    above 45 degrees and difference angles below."""
+    """The gloss as gonio defines it: the BRDF along the normal over the mean of the BRDF at half angles
+    above 45 degrees and difference angles below 45 degrees."""
     return table[0, 0] / table[(HALF > 45) & (HALF < 80), :45].mean()
 
 
 def two_explanations(photograph):
-    """The photograph by a mirror in a blurry world, and by what was found in the light that was found."""
+    """The photograph as a mirror in a blurry environment, and as the estimate in the estimated light."""
     write_mirror(WORK / "mirror.binary")
     gonio("light", "blue.exr", "-o", "blurry.exr")
     figure, axes = page(2, 4, height=4.6, width_ratios=[1, 2, 1, 1])
-    for row, (what, brdf, light) in zip(axes, (("a mirror", "mirror.binary", "blurry.exr"), ("the material found", "blue/brdf.binary", "blue/light.exr"))):
+    for row, (what, brdf, light) in zip(axes, (("a mirror", "mirror.binary", "blurry.exr"), ("the estimate", "blue/brdf.binary", "blue/light.exr"))):
         made = render(brdf, light, "made.exr")
         left = np.sqrt(np.nanmean(misfit(made, photograph) ** 2))
         shown = read(WORK / light)[..., :3]
         show(row[0], ball(photograph), "the photograph")
-        show(row[1], tone(shown, white_of(shown)), "a blurry world" if what == "a mirror" else "a world with edges and lamps", aspect="auto")
-        show(row[2], ball(render(brdf, SHOP, "sample.exr")), f"{what},\nelsewhere")
-        show(row[3], ball(made), f"in this world:\n{100 * left:.0f} % left over")
-        print(what, "leaves", left)
+        show(row[1], tone(shown, white_of(shown)), "a blurry environment" if what == "a mirror" else "an environment with edges and lamps", aspect="auto")
+        show(row[2], ball(render(brdf, SHOP, "sample.exr")), f"{what},\nin another light")
+        show(row[3], ball(made), f"in this environment:\nmisfit {100 * left:.0f} %")
+        print("misfit of", what, left)
     save(figure, "two-explanations.png")
 
 
@@ -209,20 +212,20 @@ def disk_of_normals(photograph):
     white = white_of(bunny, bunny[..., 3])
     paper = np.array(matplotlib.colors.to_rgb(PAPER))
     figure, axes = page(1, 4, height=2.8)
-    show(axes[0, 0], ball(bunny), "a photograph")
-    show(axes[0, 1], np.where(inside[..., None], normals / 2 + 0.5, paper), "the normals of its shape\n(red right, green up)")
-    show(axes[0, 2], np.where(seen[..., None], tone(mean, white), paper), "brightness by normal:\nthe input of the inference")
+    show(axes[0, 0], ball(bunny), "photograph")
+    show(axes[0, 1], np.where(inside[..., None], normals / 2 + 0.5, paper), "the normals of the bunny\n(red: right, green: up)")
+    show(axes[0, 2], np.where(seen[..., None], tone(mean, white), paper), "pixels sorted by normal:\nthe input of the network")
     show(axes[0, 3], ball(photograph), "a ball of the same material\nin the same light")
     save(figure, "disk-of-normals.png")
     on_disk = np.hypot(*np.meshgrid(*[(np.arange(side) + 0.5) / side * 2 - 1] * 2)) < np.sin(np.radians(80))
-    print("cells of the disk that the bunny shows", (seen & on_disk).sum(), "of", on_disk.sum())
+    print("cells of the disk with pixels of the bunny:", (seen & on_disk).sum(), "of", on_disk.sum())
 
 
 def candidates(photograph, found):
-    """The measured materials that are nearest, as they look in this light, and their weights."""
+    """The measured materials with the largest weights in the light of the photograph."""
     named = [it for it in found["posterior"]["materials"] if it["weight"] >= 0.005]
     figure, axes = page(1, 5, height=2.7, width_ratios=[1, 1, 1, 1, 1.7])
-    show(axes[0, 0], ball(grey(photograph)), "the photograph,\nwithout its colour")
+    show(axes[0, 0], ball(grey(photograph)), "the photograph\nwithout colour")
     for ax, it in zip(axes[0, 1:4], named):
         name = it["name"].replace("changing-", "changing-\n")
         show(ax, ball(grey(render(MERL / f"{it['name']}.binary", HANGAR, "candidate.exr"))), f"{name}\n{100 * it['weight']:.0f} %")
@@ -253,8 +256,8 @@ def interval(found):
         low, below, above, high = quantiles[:, rows, column]
         ax.fill_between(HALF[rows], low, high, color="#3d5a80", label="90 % interval")
         ax.fill_between(HALF[rows], below, above, color="#6b8fbf", label="50 % interval")
-        ax.plot(HALF[rows], mean[rows, column], color="white", label="answer")
-        ax.plot(HALF[rows], truth[rows, column], "--", color="#ffb454", label="measured")
+        ax.plot(HALF[rows], mean[rows, column], color="white", label="estimate")
+        ax.plot(HALF[rows], truth[rows, column], "--", color="#ffb454", label="measurement")
         ax.set_xscale("function", functions=(np.sqrt, np.square))
         ax.set_xticks([0, 1, 5, 10, 20, 40, 60, 80])
         ax.set_yscale("log")
@@ -265,36 +268,36 @@ def interval(found):
     axes[0].set_ylabel("BRDF (1/sr)", color=INK, fontsize=9)
     axes[1].legend(fontsize=9, facecolor=PAPER, labelcolor=INK, edgecolor=PAPER)
     held = (quantiles[0][trusted] <= truth[trusted]) & (truth[trusted] <= quantiles[3][trusted])
-    print("interval holds", held[seen].mean(), "of the domain;", gloss(found), "true", true_gloss(truth))
+    print("the interval contains", held[seen].mean(), "of the cells;", gloss(found), "true", true_gloss(truth))
     save(figure, "interval.png")
 
 
 def light_found():
-    """The light, the one that was found, and the ball's view of both."""
+    """The light of the photograph and the estimated light."""
     true, found = read(WORK / "lit/light.exr")[..., :3], read(WORK / "blue/light.exr")[..., :3]
     figure, axes = page(1, 2, height=2.9)
     show(axes[0, 0], tone(true, white_of(true)), "the light of the photograph", aspect="auto")
-    show(axes[0, 1], tone(found, white_of(found)), "the light that was found", aspect="auto")
+    show(axes[0, 1], tone(found, white_of(found)), "the estimated light", aspect="auto")
     save(figure, "light-found.png")
 
 
 def misfits(photograph, blind, lit, wrong):
-    """Photograph, reproduction and what is left: blind, in the right light and in a wrong one."""
+    """Photograph, reproduction and difference: unknown light, correct light map and wrong light map."""
     figure, axes = page(3, 4, height=7.4, width_ratios=[1, 1, 1, 2.1])
-    for row, (what, notes, folder) in zip(axes, (("Blind", blind, "blue"), ("With the right light given", lit, "lit"), ("With the light of another place given", wrong, "wrong"))):
+    for row, (what, notes, folder) in zip(axes, (("Unknown light", blind, "blue"), ("Known light, correct map", lit, "lit"), ("Known light, map of another place", wrong, "wrong"))):
         made = render(f"{folder}/brdf.binary", f"{folder}/light.exr", "made.exr")
         show(row[0], ball(photograph), "photograph")
         show(row[1], ball(made), "reproduction")
-        show(row[2], misfit(made, photograph), "what is left", cmap="RdBu_r", vmin=-0.6, vmax=0.6)
+        show(row[2], misfit(made, photograph), "difference", cmap="RdBu_r", vmin=-0.6, vmax=0.6)
         noise = notes["noise"]
-        text = f"{what}\n{100 * noise['misfit']:.0f} % is left, {100 * noise['expected']:.0f} % was to be expected"
-        words(row[3], text + "\n" + ("No warning" if not notes["warnings"] else "Warns: " + wrapped(notes["warnings"], 44)), 9)
+        text = f"{what}\nmisfit {100 * noise['misfit']:.0f} % (expected: {100 * noise['expected']:.0f} %)"
+        words(row[3], text + "\n" + ("No warning" if not notes["warnings"] else "Warning: " + wrapped(notes["warnings"], 44)), 9)
         print(what, noise["misfit"], noise["expected"], gloss(notes), notes["warnings"])
     save(figure, "misfit.png")
 
 
 def wrapped(lines, width):
-    """Text of several lines, none wider than this."""
+    """Joins texts and wraps them to lines of at most `width` characters."""
     rows = [""]
     for word in "; ".join(lines).split():
         if len(rows[-1]) + len(word) + 1 > width:
@@ -304,19 +307,19 @@ def wrapped(lines, width):
 
 
 def failure(name, photograph, notes, folder, truth, table, comment):
-    """A photograph, the estimate and the truth in another light, and the warnings of the program."""
+    """A photograph, the estimate and the truth in another light, and the warnings of gonio."""
     figure, axes = page(1, 4, height=2.5, width_ratios=[1, 1, 1, 1.8])
     show(axes[0, 0], ball(photograph), "photograph")
-    show(axes[0, 1], ball(render(f"{folder}/brdf.binary", SHOP, "found.exr")), "found, in another light")
-    show(axes[0, 2], ball(render(truth, SHOP, "true.exr")), "true, in that light")
-    said = "It warns: " + wrapped(notes["warnings"], 40) if notes["warnings"] else "It does not warn."
-    words(axes[0, 3], f"{comment}\n{gloss(notes)}\ntrue: {rounded(true_gloss(table))}\n{said}", 9)
+    show(axes[0, 1], ball(render(f"{folder}/brdf.binary", SHOP, "found.exr")), "estimate, in another light")
+    show(axes[0, 2], ball(render(truth, SHOP, "true.exr")), "truth, in another light")
+    said = "Warning: " + wrapped(notes["warnings"], 40) if notes["warnings"] else "No warning"
+    words(axes[0, 3], f"{comment}\n{gloss(notes)}\ntrue gloss: {rounded(true_gloss(table))}\n{said}", 9)
     print(name, gloss(notes), "true", true_gloss(table), notes["warnings"], notes["noise"]["misfit"], notes["noise"]["expected"])
     save(figure, name)
 
 
 def failures():
-    """A metal in dull light, and a ball that is not of one material."""
+    """A metal under an even sky, and a ball painted in two shades."""
     height = 128
     y = np.cos(np.pi * (np.arange(height) + 0.5) / height)
     overcast = 0.25 + 0.75 * np.clip((y + 0.3) / 1.3, 0, 1)

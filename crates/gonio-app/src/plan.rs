@@ -93,7 +93,7 @@ mod tests {
         assert_eq!((plan.points, origin), (150, PlanOrigin::Built));
         assert!(failed.unwrap().to_string().contains("cache folder"));
         let (.., failed) = get(Some(&Cache::at(dir.path()).with_budget(1000)), 150).unwrap();
-        assert!(failed.unwrap().to_string().contains("budget"));
+        assert!(failed.unwrap().to_string().contains("size limit"));
     }
 
     #[test]

@@ -236,7 +236,7 @@ fn rejects_invalid_brackets() {
         bench.refuses(&format!("infer {files} -o out"), message);
     }
     bench.refuses("merge 2.png 3.png -o out.png", &["out.png: the output must be an .exr file"]);
-    bench.refuses("merge -o out.exr", &["IMAGES"]);
+    bench.refuses("merge -o out.exr", &["IMAGE"]);
     bench.refuses(
         "infer hdr.exr --layer diffuse --times 1 -o out",
         &["hdr.exr: exposure times apply only to several exposures"],

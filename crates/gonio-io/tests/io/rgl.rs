@@ -219,7 +219,7 @@ fn damage_is_described() {
         (encode(&twice), Kind::Damaged, "contains the field phi_i twice"),
         (one("phi_i", &[3], 0.0), Kind::Unsupported, "is an anisotropic material"),
         (one("theta_i", &[THETAS], 1.0), Kind::Damaged, "are not increasing"),
-        (one("theta_i", &[THETAS - 1], 1.0), Kind::Damaged, "do not match its 1 x 23 incident directions"),
+        (one("theta_i", &[THETAS - 1], 1.0), Kind::Damaged, "but 1 x 23 incident directions"),
         (one("theta_i", &[0], 1.0), Kind::Damaged, "instead of 1 non-empty axes"),
         (one("sigma", &[256], 1.0), Kind::Damaged, "instead of 2 non-empty axes"),
         (one("sigma", &[1, 256], 1.0), Kind::Damaged, "at least 2 x 2"),

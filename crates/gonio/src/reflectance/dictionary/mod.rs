@@ -84,7 +84,7 @@ pub struct DictionarySettings {
 
 impl Default for DictionarySettings {
     fn default() -> Self {
-        Self { draws: 3000, dimensions: 32, seed: 1, prior: Prior::default() }
+        Self { draws: 1600, dimensions: 32, seed: 1, prior: Prior::default() }
     }
 }
 

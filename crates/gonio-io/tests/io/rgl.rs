@@ -226,7 +226,7 @@ fn damage_is_described() {
         (one("sigma", &[2, 256], -1.0), Kind::Damaged, "a negative value at index 0 of sigma"),
         (one("sigma", &[2, 256], f64::NAN), Kind::Damaged, "not finite at index 0 of sigma"),
         (one("vndf", &[1, THETAS, 4, 4], 0.0), Kind::Damaged, "only zeros in slice 0 of vndf"),
-        (one("rgb", &[1, THETAS, 4, 4, 4], 0.0), Kind::Damaged, "do not match"),
+        (one("rgb", &[1, THETAS, 4, 4, 4], 0.0), Kind::Damaged, "with the first axes [1, 24, 4]"),
     ] {
         let error = decode(&bytes).unwrap_err();
         assert!(error.to_string().contains(message), "{error} does not contain {message}");

@@ -55,7 +55,7 @@ pub enum PhotographSource {
     Here(Picture),
     /// A photograph that is already read.
     Read(Photograph),
-    /// Name in messages and contents of an image file.
+    /// Image file in memory: its name for messages, and its bytes.
     Bytes(String, Vec<u8>),
     /// Files of an image or of the exposures of a bracket; at least one.
     Files(Vec<PathBuf>),
@@ -209,7 +209,7 @@ fn single(
     }
     let Reading { linear, colour_space, .. } = *reading;
     let options = ReadOptions { linear, layer: reading.layer.clone(), colour_space, ..ReadOptions::default() };
-    // Corrections act on the channels of the file.
+    // Black level and flat field apply before the colour conversion.
     let mut decoded = match bytes {
         Some(bytes) => picture::decode_unconverted(path, bytes, &options)?,
         None => picture::read_unconverted(path, &options)?,

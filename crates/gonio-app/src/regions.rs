@@ -121,7 +121,7 @@ impl Part {
         Scene {
             shots: PhotographSource::Read(photograph.clone()),
             mask: Some(Source::Here(self.mask.clone())),
-            // Labels separate the materials.
+            // The mask of each region separates the materials.
             keep_colours: true,
             // The checks that `force` skips apply to whole objects, not to regions.
             force: true,
@@ -135,7 +135,7 @@ impl Part {
 ///
 /// # Errors
 /// See [`infer`](crate::infer). Also if labels are invalid, or the method is one of the paper's.
-/// Errors in a region name the region.
+/// The message of an error in a region includes the name of the region.
 pub fn infer_regions(
     model: (&Model, &str),
     scene: Scene,

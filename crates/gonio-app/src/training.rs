@@ -29,7 +29,7 @@ use gonio_io::{Error, bivariate, brdf};
 
 use crate::Problem;
 
-/// Error of a training.
+/// Error of a training run.
 #[derive(Debug, Error)]
 pub enum TrainingError {
     /// A file or folder cannot be read.
@@ -110,9 +110,9 @@ pub struct LightingSettings {
     pub grid: usize,
     /// Mapping of the sphere to the square.
     pub map: OctahedralMap,
-    /// Number of rotations about the vertical axis in which each map is used. With an even number,
-    /// horizontal and vertical wavelets of a scale have equal statistics, because a rotation by 180
-    /// degrees swaps front and back.
+    /// Number of equally spaced rotations about the vertical axis at which each map is used. An
+    /// even number includes 180 degrees, which gives the horizontal and vertical wavelets of a
+    /// scale equal statistics.
     pub turns: usize,
     /// Radiance at which each map is clipped, in units of its mean; `None` does not clip.
     pub cap: Option<f64>,

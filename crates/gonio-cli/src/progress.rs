@@ -54,7 +54,7 @@ pub(crate) fn is_verbose() -> bool {
 /// Whether several inferences run at a time, whose progress lines would overwrite each other.
 static SHARED: AtomicBool = AtomicBool::new(false);
 
-/// Disables or enables progress lines.
+/// Disables progress lines if several inferences share the terminal, and enables them otherwise.
 pub(crate) fn share_terminal(shared: bool) {
     SHARED.store(shared, Ordering::Relaxed);
 }

@@ -114,8 +114,9 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     Ok(Outcome::new(text, fields).warning(warnings))
 }
 
-/// Infers rows in parallel and returns the names of failed rows in order. Each row comes with its
-/// index among `count`. If there are fewer rows than threads, each row runs on several threads.
+/// Infers rows in parallel and returns the names of failed rows in order. `rows` pairs each row
+/// with its index; `count` is the total that the progress lines print. If there are fewer rows than
+/// threads, each row runs on several threads.
 fn infer_rows(rows: &[(usize, &Row)], count: usize, output: &Path) -> Result<Vec<String>> {
     let threads = rayon::current_num_threads();
     let workers = threads.min(rows.len()).max(1);

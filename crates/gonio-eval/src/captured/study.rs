@@ -40,7 +40,7 @@ pub(super) struct Record {
     pub(super) lambert: Errors,
     /// Errors of the measured slice itself.
     pub(super) measured: Errors,
-    /// Errors of the profile of the measured slice.
+    /// Errors of the measured slice averaged over the difference angle.
     pub(super) profile: Errors,
     /// [`judge::gloss`] of the measurement.
     pub(super) gloss_measured: f64,
@@ -73,7 +73,7 @@ pub(super) struct Answer {
     pub(super) material: Material,
 }
 
-/// An object and the errors of the references on it.
+/// An object, and the errors of three references: Lambertian, measured slice, and its profile.
 pub(super) struct Study<'a> {
     object: &'a Captured,
     cells: Vec<Cell>,
@@ -213,7 +213,7 @@ fn estimate(object: &Captured, seen: usize, model: &Model, lit: bool) -> Result<
     Ok(Found { material, misfit: light.misfit, diagnostics, colouring, median })
 }
 
-/// 5, 50 and 95 % quantiles of [`judge::gloss`] under the posterior.
+/// Computes the 5, 50 and 95 % quantiles of [`judge::gloss`] under the posterior.
 fn gloss_quantiles(material: &Material, cells: &[Cell]) -> [f64; 3] {
     let number = |table: &BivariateTable| judge::gloss(cells, &|h, d| table.eval(h, d));
     let quantiles = material.posterior.ranking(number).quantiles(&[0.05, 0.5, 0.95]);

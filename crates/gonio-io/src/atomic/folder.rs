@@ -120,8 +120,9 @@ impl StagedFolder {
     ///
     /// # Errors
     /// If the files cannot be synced to the disk (it may be full), a folder has the name of a file
-    /// to be written, or renaming fails. Nothing has been replaced then, unless renaming failed
-    /// halfway. Also if discarded files cannot be removed; the new files are in place then.
+    /// to be written, or renaming fails. In these cases nothing was replaced, unless renaming
+    /// failed halfway. It also fails if discarded files cannot be removed; the new files are then
+    /// in place.
     pub fn commit(mut self) -> Result<(), Error> {
         let _writing = writing();
         let staging = self.staging.path();
@@ -185,8 +186,8 @@ impl StagedFolder {
         Ok(())
     }
 
-    /// Syncs all staged files to the disk and returns their paths relative to the staging folder. A
-    /// full disk may cause an error only here.
+    /// Syncs all staged files to the disk and returns their paths relative to the staging folder.
+    /// On a full disk, the error may not occur until this sync.
     fn sync(&self) -> Result<Vec<PathBuf>, Error> {
         let mut names = Vec::new();
         let mut folders = vec![PathBuf::new()];

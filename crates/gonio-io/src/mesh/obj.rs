@@ -13,7 +13,7 @@ use gonio::shape::{Mesh, Soundness};
 use super::parts::Parts;
 use crate::Error;
 
-/// Longest part of a line that is quoted in a message.
+/// Largest number of bytes of a line that an error message quotes.
 const QUOTED: usize = 60;
 /// Message for an invalid face, after the number of its line.
 const INVALID_FACE: &str = "is not a valid face, or refers to a missing vertex";

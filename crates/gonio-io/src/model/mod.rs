@@ -67,7 +67,7 @@ impl Content {
         }
     }
 
-    /// Describes the expected file, for the advice of an error.
+    /// Describes the expected file, for the suggestion in an error message.
     fn wanted(self) -> String {
         format!("a file written by `{}`", self.command())
     }
@@ -111,8 +111,8 @@ pub fn encode_arrays(note: &str, arrays: &[&[f32]]) -> Vec<u8> {
     encode(Content::Checkpoint, Metadata::from([("arrays", arrays.len().to_string())]), note, &tensors)
 }
 
-/// Decodes what [`encode_arrays`] encoded: the note and the arrays. `path` serves the messages
-/// only.
+/// Decodes what [`encode_arrays`] encoded: the note and the arrays. `path` is only used in error
+/// messages.
 ///
 /// # Errors
 /// If the bytes are not such a file, or are damaged.

@@ -74,7 +74,7 @@ fn header_lines(bytes: &[u8]) -> impl Iterator<Item = &[u8]> {
     header.split(|b| *b == b'\n').map(<[u8]>::trim_ascii_end).take_while(|line| !line.is_empty())
 }
 
-/// Replaces CR LF in the header and after the line of the resolution by LF.
+/// Replaces CR LF with LF in the header and at the end of the resolution line.
 fn with_unix_lines(bytes: &[u8]) -> Cow<'_, [u8]> {
     let header = &bytes[..bytes.len().min(LONGEST_HEADER)];
     let Some(blank) = header.windows(4).position(|w| w == b"\r\n\r\n") else { return Cow::Borrowed(bytes) };
@@ -86,7 +86,7 @@ fn with_unix_lines(bytes: &[u8]) -> Cow<'_, [u8]> {
     Cow::Owned(out)
 }
 
-/// Returns the space of the last line `PRIMARIES=`: x and y of red, green, blue and white.
+/// Returns the colour space of the last `PRIMARIES=` line: x and y of red, green, blue and white.
 fn stated(lines: &[String]) -> Stated {
     let Some(line) = lines.last() else { return Stated::default() };
     let numbers: Option<Vec<f64>> = line.split_whitespace().map(|word| word.parse().ok()).collect();

@@ -192,8 +192,8 @@ impl Report<'_> {
         }
     }
 
-    /// Returns the share of the variance in the mean square of the light's variation; `None` if the
-    /// method does not estimate it.
+    /// Returns posterior variance / (posterior variance + squared mean), each summed over all light
+    /// coefficients but the mean; `None` if the method does not estimate it.
     fn uncertain(&self) -> Option<f64> {
         let squares = |name: &str| -> Option<f64> {
             // The first coefficient is the mean.

@@ -24,7 +24,7 @@ const FREE_VARIANCE: f64 = 25.0;
 /// cent.
 const GIVEN: f64 = 0.02;
 
-/// Factor on the deviations of draws of the differences, blind and under a known light.
+/// Factor by which draws of the channel differences are widened, under unknown and known light.
 ///
 /// Three errors require it (`gonio-eval calibration`). Photographs and materials differ from the
 /// simulated ones. The posterior under a known light is the Gaussian of one linearisation. Neither
@@ -52,7 +52,8 @@ pub struct LightComponent {
 /// The model is learnt by [`ColourModel::learn`] and part of a
 /// [`LearntPosterior`](crate::inference::learnt::LearntPosterior).
 ///
-/// All matrices are row by row, with one row for each coordinate of materials and one more.
+/// All matrices are row-major, with one row per material coordinate and a last row for the log
+/// ratio of the albedos.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ColourModel {
     /// Covariance of the difference of a channel from the luminance

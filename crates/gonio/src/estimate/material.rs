@@ -108,8 +108,8 @@ impl Material {
 
     /// Returns draws from the posterior, each with albedo [`ALBEDO`].
     ///
-    /// The same `seed` gives the same draws. The quantiles are wider, since they include the error
-    /// of the material coordinates.
+    /// The same `seed` gives the same draws. [`Self::quantiles`] are wider than those of the draws,
+    /// since they include the error of the material coordinates.
     ///
     /// # Errors
     /// [`EstimateError::NotLearnt`] if `model` is not the model of this estimate.

@@ -48,9 +48,9 @@ pub struct EstimateSettings {
     /// Texels along a side of the light's grid: a power of two from 4 to what the model's prior
     /// covers ([`LightPrior::finest_side`](crate::lighting::LightPrior::finest_side)).
     pub side: usize,
-    /// Approximate number of observations for the estimate of the light. With 1,600, a mirror
-    /// reflects each texel of 32 x 32 in one or two of them. With fewer observations than texels,
-    /// the prior alone determines the texels in between, which produces a checkerboard.
+    /// Approximate number of observations for the estimate of the light. With 1,600 observations,
+    /// one or two of them see each texel of a 32 x 32 light in a mirror. With fewer observations
+    /// than texels, only the prior determines the unseen texels, which produces a checkerboard.
     pub rows: usize,
     /// Rule for the colours.
     pub colouring: ColouringRule,
@@ -69,9 +69,10 @@ pub struct Estimate {
     pub material: Material,
     /// Light, in luminance, on the scale that corresponds to [`Material::table`].
     pub light: Light,
-    /// Colours of both. Their intervals include the residual that the colours of the light leave.
+    /// Colours of both. The intervals include the chroma residual of the light's colours.
     pub colouring: Colouring,
-    /// Colours of the light in each direction; `None` if grey.
+    /// Colours of the light in each direction; `None` if the photograph or the requested BRDF is
+    /// grey, or all observations are black.
     pub tint: Option<ChromaticLight>,
 }
 
@@ -103,7 +104,7 @@ pub enum Stage {
 }
 
 impl Stage {
-    /// Name of the stage.
+    /// Returns the name of the stage.
     pub fn name(self) -> &'static str {
         match self {
             Self::Material => "posterior",

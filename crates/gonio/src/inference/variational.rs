@@ -52,7 +52,7 @@ impl Default for VariationalSettings {
 }
 
 impl VariationalSettings {
-    /// Settings of Algorithm 1 as printed, with this many starts.
+    /// Returns the settings of Algorithm 1 as printed, with this many starts.
     pub fn of_paper(starts: usize, seed: u64) -> Self {
         Self { solver: Solver::Printed, starts, seed, max_iterations: 20_000, ..Self::default() }
     }

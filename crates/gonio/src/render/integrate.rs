@@ -99,7 +99,8 @@ pub fn nodes(
     nodes_within(point, envelope, light, settings, f64::INFINITY)
 }
 
-/// Divides the light like [`nodes`], but counts cells larger than `largest` as entirely wrong.
+/// Divides the light like [`nodes`], but uses an error bound of at least 100 % for cells larger
+/// than `largest`.
 ///
 /// `largest` is a radius in radians. Nearly all light then comes from smaller cells. Surfaces with
 /// self-shadowing require this, since the error bounds ignore shadows.

@@ -23,7 +23,7 @@ const GOOD_OVERLAP: f64 = 0.97;
 /// are mostly rim.
 const RIM: f64 = 1.5;
 
-/// Largest share of outliers that faulty pixels of a sensor explain.
+/// Share of outliers above which a warning reports them; sensor defects cause fewer.
 const FEW_OUTLIERS: f64 = 0.001;
 
 /// Positions of a surface pixel by pixel, in coordinates of the camera.
@@ -181,8 +181,7 @@ impl Detection {
         Ok(detection)
     }
 
-    /// Computes the self-shadowing of the surface, where there is one:
-    /// [`Observations::shadowed_by`].
+    /// Computes self-shadowing if the detection has a surface ([`Observations::shadowed_by`]).
     ///
     /// # Errors
     /// [`SceneError::NoSurface`] if the observations are not those of the surface.
@@ -203,7 +202,7 @@ impl Detection {
         self.normals.as_ref().is_none_or(has_normal) && self.coverage.as_ref().is_none_or(covered)
     }
 
-    /// Returns the outline of a distant ball.
+    /// Returns the outline if the object is a distant ball.
     pub fn circle(&self) -> Option<Circle> {
         match self.found {
             Found::Circle(circle) => Some(circle),
@@ -311,10 +310,11 @@ impl Detector<'_> {
 struct Overlap {
     /// Number of pixels in both, over the number of pixels in either.
     share: f64,
-    /// Whether no more pixels differ than a rim of [`RIM`] pixels around the object contains.
+    /// Whether mask and silhouette differ by at most the number of pixels in a rim of width [`RIM`]
+    /// around the mask.
     is_rim: bool,
-    /// Whether no more pixels of the mask than that lie outside of the silhouette: a mask may
-    /// select a part of the object.
+    /// Whether the two overlap and at most that many mask pixels are outside the silhouette. A mask
+    /// may select a part of the object.
     is_part: bool,
 }
 

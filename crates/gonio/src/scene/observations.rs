@@ -36,8 +36,8 @@ pub struct ObservationSettings {
     /// contains little information.
     pub max_angle: f64,
     /// Angle from the vertical axis (+y or -y of the camera) within which normals of a sphere are
-    /// dropped, in radians. At these poles of the paper's map of the sphere, a Haar square is a
-    /// poor approximation. Zero drops no normals.
+    /// dropped, in radians. The paper's octahedral map has poles on this axis, where Haar squares
+    /// approximate the light poorly. Zero drops no normals.
     #[serde(default)]
     pub pole_angle: f64,
     /// Radiance at or above which a channel is clipped (for integer pictures, the full scale).
@@ -147,7 +147,7 @@ pub struct Observations {
     pub colours: Vec<Option<Vec3>>,
     /// Weight of each value, in 0..=1: its inverse variance relative to that of the model's error.
     pub weights: Vec<f64>,
-    /// Light visible from each point, if the surface shadows itself ([`Self::shadowed_by`]).
+    /// Visible directions of each point; `None` without self-shadowing ([`Self::shadowed_by`]).
     pub visibility: Option<Visibility>,
     /// Share of the light of a uniform sky that reaches each point, in 0..=1; one without
     /// occlusion.
@@ -161,7 +161,7 @@ pub struct Observations {
     pub dense: Vec<Sample>,
 }
 
-/// Returns the points of a sphere that `of_sphere` observes, for plans made without a picture.
+/// Returns the points at which `of_sphere` samples a sphere. Plans use them without a picture.
 ///
 /// The normals are those of a Fibonacci lattice of the visible hemisphere up to
 /// [`ObservationSettings::max_angle`] and outside [`ObservationSettings::pole_angle`], seen from
@@ -249,8 +249,8 @@ impl Observations {
     /// Observes a sphere whose outline is `circle`, at the points of [`sphere_points`].
     ///
     /// A value is the bilinear interpolation of the picture at the projection of the point. It is a
-    /// point sample even if the picture is finer than the lattice. A mean over a cell of the
-    /// lattice (1.3 degrees) would make highlights of half a degree wider and dimmer. The operator,
+    /// point sample even if the picture is finer than the lattice. Averaging over a lattice cell
+    /// (1.3 degrees) would broaden and dim highlights that are half a degree wide. The operator,
     /// which evaluates the reflectance at one normal per point, could not explain them.
     ///
     /// A point has no value if one of its four pixels is clipped, outside the picture, not entirely
@@ -260,8 +260,9 @@ impl Observations {
     ///
     /// # Errors
     /// [`SceneError::BadCircle`]; [`SceneError::Sizes`]; [`SceneError::BadPixels`] when more than
-    /// half of the pixels that points can require are faulty, or when they leave too few points;
-    /// [`SceneError::TooFewPoints`] when fewer than 50 points have a value; [`SceneError::Black`].
+    /// half of the pixels within reach of the points are faulty, or when the others give too few
+    /// points; [`SceneError::TooFewPoints`] when fewer than 50 points have a value;
+    /// [`SceneError::Black`].
     pub(crate) fn of_sphere(
         picture: &Picture,
         circle: &Circle,
@@ -269,8 +270,8 @@ impl Observations {
         settings: &ObservationSettings,
     ) -> Result<Self, SceneError> {
         let Circle { x, y, radius } = *circle;
-        // No picture has more than 10^7 pixels along a side, and sums of coordinates below that are
-        // exact.
+        // No picture has more than 10^7 pixels along a side, and `f64` resolves much less than a
+        // pixel at this size.
         let sane = x.abs() < 1e7 && y.abs() < 1e7 && radius < 1e7;
         if !(sane && radius >= LEAST_RADIUS) {
             return Err(SceneError::BadCircle { x, y, radius, least: LEAST_RADIUS });

@@ -22,7 +22,8 @@ const MOST_LENGTH: f64 = 8.0;
 const ROUNDS: usize = 12;
 /// Share of the outline that must lie near the fit.
 const NEAR_SHARE: f64 = 0.7;
-/// Largest distance of these points, as a share of the size, to which half a pixel is added.
+/// Tolerance of these points, relative to the shorter semi-axis (or the angular radius of a ball);
+/// half a pixel is added.
 const MOST_STRAY: f64 = 0.02;
 
 /// An ellipse in a picture.
@@ -60,12 +61,13 @@ impl Ellipse {
 ///
 /// # Errors
 /// See [`find_sphere`](super::find_sphere); [`SceneError::NotAnEllipse`] when less than 70 % of the
-/// outline lies within 2 % of the shorter semi-axis plus half a pixel, or when the outline is a
-/// strip.
+/// outline is closer to the fit than half a pixel plus 2 % of the shorter semi-axis, or when the
+/// outline is a strip.
 pub(crate) fn find_ellipse(coverage: &Plane<f32>) -> Result<Ellipse, SceneError> {
     let rim = outline(coverage)?;
     let none = |residual: f64| SceneError::NotAnEllipse { residual, rim: rim.len() };
-    // Coordinates about the mean, in units of the spread, in which the squares are of similar size.
+    // Coordinates relative to the centroid, in units of the root mean square distance, so that all
+    // columns have similar magnitude.
     let middle = rim.iter().sum::<DVec2>() / rim.len().max(1) as f64;
     let unit = (rim.iter().map(|p| p.distance_squared(middle)).sum::<f64>() / rim.len().max(1) as f64).sqrt();
     if !(unit.is_finite() && unit > 0.0) {
@@ -88,8 +90,8 @@ pub(crate) fn find_ellipse(coverage: &Plane<f32>) -> Result<Ellipse, SceneError>
     if !(determinant > 0.0 && axes.0 > 0.0 && axes.1 > 0.0 && axes.0 < 1e6 * axes.1) {
         return Err(none(0.0));
     }
-    // In the picture y points down; the angle is that of the axis along which the conic is
-    // flattest.
+    // In the picture y points down; the major axis is the direction in which the quadratic form
+    // grows most slowly.
     let steep = 0.5 * c[1].atan2(c[0] - c[2]);
     let flat = if steep > 0.0 { steep - std::f64::consts::FRAC_PI_2 } else { steep + std::f64::consts::FRAC_PI_2 };
     let (long, short) = (unit * axes.0.sqrt(), unit * axes.1.sqrt());
@@ -113,7 +115,7 @@ pub(crate) fn find_ellipse(coverage: &Plane<f32>) -> Result<Ellipse, SceneError>
 ///
 /// # Errors
 /// See [`find_sphere`](super::find_sphere); [`SceneError::NotAnEllipse`] when less than 70 % of the
-/// outline lies within 2 % of the cone's angle plus half a pixel.
+/// outline is closer to the fit than half a pixel plus 2 % of the half-angle of the cone.
 pub(crate) fn find_ball(coverage: &Plane<f32>, camera: &Camera) -> Result<Ellipsoid, SceneError> {
     let rim = outline(coverage)?;
     let none = |residual: f64| SceneError::NotAnEllipse { residual, rim: rim.len() };
@@ -161,7 +163,7 @@ pub(crate) fn find_ball(coverage: &Plane<f32>, camera: &Camera) -> Result<Ellips
     Ellipsoid::sphere(centre, radius).map_err(|_| none(0.0))
 }
 
-/// Solves `row . x = 1` robustly for most of the rows.
+/// Fits `row . x = 1` by robust regression.
 ///
 /// Computes solutions for a few rows each, drawn at random, and selects the one of least median
 /// distance (Rousseeuw 1984). Then refines it by least squares with weights that decrease with the

@@ -2,7 +2,7 @@
 //! shapes.
 //!
 //! Each effect has its own strength; zero disables it. The effects act on the disk of normals, on
-//! which images of all shapes are alike.
+//! which images of all shapes have the same format.
 
 use rand::{Rng, RngExt};
 use rand_distr::{Distribution, Poisson};
@@ -296,9 +296,11 @@ impl Camera {
         (counts, each >= 3.0)
     }
 
-    /// Returns the place `(x, y)`, in cells, from which each cell of a wrong shape takes its value.
+    /// Returns, for each cell, the position `(x, y)` in cells from which it takes its value if the
+    /// shape is wrong.
     ///
-    /// The places deviate by a smooth field of shifts, a global shift, and a change of the radius.
+    /// The positions deviate by a smooth field of shifts, a global shift, and a change of the
+    /// radius.
     fn displaced(&self, rng: &mut impl Rng) -> Vec<(f32, f32)> {
         let cells = 0.5 * SIDE as f32;
         let (right, down) = (field(7, rng), field(7, rng));

@@ -66,7 +66,8 @@ impl Default for StockSettings {
 }
 
 impl StockSettings {
-    /// Number of groups for a training of this many steps: short ones need fewer than the default.
+    /// Returns the number of groups for a training run of this many steps: short runs need fewer
+    /// than the default.
     pub fn groups_for(steps: usize) -> usize {
         Self::default().groups.min(steps.div_ceil(8))
     }
@@ -104,7 +105,8 @@ const SUMMED: [f64; 4] = [0.35, 0.3, 0.2, 0.15];
 /// Range of the standard deviations of the logarithms of the weights of summed views.
 const WEIGHTS: (f64, f64) = (0.3, 2.0);
 
-/// Range of the exponents of the radiance that change the contrast of half of the lights.
+/// Range of the exponent that is applied to the radiance of half of the lights to change their
+/// contrast.
 const CONTRASTS: (f64, f64) = (0.75, 1.3);
 
 /// A photograph and its ground truth.
@@ -136,7 +138,7 @@ impl Stock {
         self.groups.iter().map(|group| group.views.len() * group.materials.len()).sum()
     }
 
-    /// Renders `groups` groups of the settings from number `first` on, and drops all others.
+    /// Renders the groups `first` to `first + settings.groups - 1`, and drops all others.
     ///
     /// Groups that are already in the stock are kept. A group depends only on the settings, the
     /// lights and its number.

@@ -14,7 +14,7 @@ use crate::inference::light::Cholesky;
 use crate::reflectance::CELLS;
 
 /// Number of rounds. The error model is re-estimated before the steps of a round and fixed during
-/// them, so that they descend one cost.
+/// them, so that all steps of a round lower the same cost.
 const ROUNDS: usize = 4;
 
 /// Largest number of steps of each round.
@@ -31,7 +31,7 @@ const LARGEST_STEP: f64 = 3.0;
 const FLOOR: f64 = 0.01;
 
 /// Prior standard deviation of the logarithm of the ratio of the true radiance of clipped pixels to
-/// that in the map. Half an exposure step is common; five occur.
+/// that in the map. Half a stop is common; up to five stops occur.
 const GAIN: f64 = 1.5;
 
 /// Prior of the coefficients and of the errors of an image.
@@ -50,8 +50,8 @@ pub(super) struct FitPrior {
 }
 
 impl FitPrior {
-    /// Prior of a material. The smallest discrepancy is the residual that the best bivariate table
-    /// leaves of a rendering of a measured material (docs/trials.md).
+    /// Prior of a material. The smallest discrepancy is the residual of the best bivariate table
+    /// for a rendering of a measured material (docs/trials.md).
     pub(super) const MATERIAL: Self = Self {
         deviation: 0.2,
         deviations: (0.1, 1.0),
@@ -92,14 +92,14 @@ pub(super) struct Fit {
     pub(super) errors: ErrorModel,
     /// Standard deviation of the spline coefficients in `curvature`.
     pub(super) deviation: f64,
-    /// Costs of each round, before the first and after each step.
+    /// Costs of each round: before its first step, then after every step.
     #[cfg(test)]
     pub(super) trace: Vec<Vec<f64>>,
     pub(super) settled: bool,
 }
 
 impl<'a> Image<'a> {
-    /// Builds the image of the rows.
+    /// Builds the log image of the observed rows.
     ///
     /// # Errors
     /// If the light or the photograph is black.
@@ -139,7 +139,7 @@ impl<'a> Image<'a> {
         }
     }
 
-    /// Number of coefficients.
+    /// Returns the number of coefficients.
     pub(super) fn len(&self) -> usize {
         self.precisions.len()
     }
@@ -167,7 +167,7 @@ impl<'a> Image<'a> {
         State { coefficients, values, predicted, residuals }
     }
 
-    /// Derivatives of the logarithm of these rows of the image (N x n).
+    /// Computes the derivatives of the logarithm of these rows of the image (N x n).
     pub(super) fn derivatives(&self, state: &State, rows: &[usize]) -> Mat<f64> {
         let (n, gain) = (self.len(), self.gain(&state.coefficients));
         let rows: Vec<Vec<f64>> = rows
@@ -187,7 +187,7 @@ impl<'a> Image<'a> {
         Mat::from_fn(rows.len(), n, |i, j| rows[i][j])
     }
 
-    /// Precisions of the prior of the coefficients.
+    /// Returns the precisions of the prior of the coefficients.
     pub(super) fn precisions(&self) -> &[f64] {
         &self.precisions
     }
@@ -201,7 +201,7 @@ impl<'a> Image<'a> {
         0.5 * self.precisions.iter().zip(coefficients).map(|(p, x)| p * x * x).sum::<f64>()
     }
 
-    /// Cost of a state: minus the logarithm of the posterior, without constants.
+    /// Computes the cost of a state: minus the logarithm of the posterior, without constants.
     fn cost(&self, state: &State, covariance: &Cholesky) -> f64 {
         0.5 * whitened(covariance, &state.residuals).iter().map(|r| r * r).sum::<f64>()
             + self.prior(&state.coefficients)
@@ -268,7 +268,7 @@ impl<'a> Image<'a> {
         })
     }
 
-    /// Normal equations of the likelihood and the gradient of the posterior.
+    /// Computes the normal equations of the likelihood and the gradient of the posterior.
     fn equations(&self, state: &State, covariance: &Cholesky) -> (Mat<f64>, Vec<f64>) {
         let n = self.len();
         let all: Vec<usize> = (0..state.predicted.len()).collect();
@@ -334,7 +334,7 @@ fn likely_deviation(state: &State, inverse: &Mat<f64>, indices: Range<usize>, ra
     (square.sum::<f64>() / count).sqrt().clamp(range.0, range.1)
 }
 
-/// `L^-1 x` for a covariance `L L'`.
+/// Computes `L^-1 x` for a covariance `L L'`.
 pub(super) fn whitened(covariance: &Cholesky, x: &[f64]) -> Vec<f64> {
     let mut x = Mat::from_fn(x.len(), 1, |i, _| x[i]);
     covariance.whiten(&mut x);

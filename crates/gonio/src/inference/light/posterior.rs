@@ -58,7 +58,8 @@ pub struct LightPosterior {
     pub(super) state: State,
 }
 
-/// Longest step in `log rho` beyond that of expectation maximisation.
+/// Largest extension of a step in `log rho`, `rho = b g^2`, beyond the expectation-maximisation
+/// step.
 const LONGEST_STEP: f64 = 2.0;
 
 /// Largest factor by which a step is lengthened.
@@ -74,12 +75,12 @@ impl LightInference<'_> {
     /// Maximises the bound of an operator, starting from the scales of the prior's variances.
     ///
     /// The bound has a local maximum for every choice of components. When the ascent becomes slow,
-    /// it determines the best component of every coefficient by itself. If these raise the
-    /// objective, the ascent continues from there.
+    /// it selects the best component of each coefficient with all other coefficients fixed. If
+    /// these components raise the objective, the ascent continues from there.
     ///
-    /// A step consists of one factorisation (`r^2 M + r^3 / 3` flops by rows) and the posterior
-    /// variances (`r^2 M`). A secant lengthens the step of `log(b g^2)`; if this lowers the
-    /// objective, the plain step is used.
+    /// In row form (r rows, M light coefficients), a step costs `r^2 M + r^3 / 3` flops for the
+    /// factorisation and `r^2 M` for the posterior variances. A secant lengthens the step of
+    /// `log(b g^2)`; if this lowers the objective, the plain step is used.
     ///
     /// # Errors
     /// If the operator has values that are not finite, or so large that products overflow.
@@ -124,8 +125,8 @@ impl LightInference<'_> {
 
     /// Returns the start of the ascent.
     ///
-    /// It has the widest scales, the exposure at which the expected image has the energy of the
-    /// image, and a noise of a tenth.
+    /// The start uses the prior variances. Unless known, the exposure equates the expected energy
+    /// and that of the image, and the noise has standard deviation 0.1 on the scaled image.
     pub(super) fn start(&self, design: &Design, settings: &InferenceSettings) -> State {
         let squares = self.scales.prior_squares();
         let mut energy = 0.0;
@@ -153,8 +154,8 @@ impl LightInference<'_> {
         let mut now = Point::new(self, design, start, settings).ok_or(LightInferenceError::NotFinite)?;
         now.find_variances();
         let mut trace = vec![now.objective];
-        // Factor by which the last step was lengthened. It limits the next factor, or sets it where
-        // the secant has no negative slope.
+        // Factor by which the last step was lengthened. The next factor is at most 4 times this
+        // one, and 2 times this one if the secant has no negative slope.
         let mut stretch = 1.0_f64;
         let mut leaps = LEAPS;
         let (mut converged, mut last) = (false, None::<(f64, f64)>);
@@ -203,8 +204,8 @@ impl LightInference<'_> {
 
     /// Returns a better point whose mixtures have other components, if there is one.
     ///
-    /// All coefficients switch at once, or only those that the image hardly determines, which
-    /// hardly depend on each other.
+    /// It switches all coefficients, or only those whose prior variance the image reduces by at
+    /// most 30 % or 5 %; these are nearly independent of each other.
     fn leap<'a>(&self, design: &'a Design, now: &Point<'a>, settings: &InferenceSettings) -> Option<Point<'a>> {
         let posterior = now.final_variances();
         [1.0, 0.3, 0.05].into_iter().find_map(|weak| {

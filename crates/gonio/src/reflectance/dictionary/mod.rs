@@ -2,8 +2,8 @@
 //!
 //! A hundred measured materials are samples of `p(F)`, too few to represent every paint. Other
 //! kinds of materials ([`Kind`]) fill the space between and around them. Some modify or combine
-//! measured materials: narrower or wider highlights, interpolations, and sums of two materials or
-//! of one and a diffuse reflector or a coat. Others are formulas of dielectrics, metals and cloth.
+//! measured materials: they narrow or widen highlights, interpolate, or add a second material, a
+//! diffuse reflector or a coat. Others are formulas of dielectrics, metals and cloth.
 //!
 //! Every material is a non-negative mixture of a fixed set of *components*, so a few numbers
 //! describe it. A smooth random [`MaterialField`] multiplies most mixtures, since no real material
@@ -47,7 +47,7 @@ pub struct Coordinates {
     /// Mean of the logarithms over the prior, one value for each cell; zero in cells that are not
     /// trusted.
     pub mean: Vec<f32>,
-    /// Axes, divided by the standard deviation along them: each coordinate has variance one over
+    /// Axes, divided by the standard deviation along them: each coordinate has unit variance under
     /// the prior.
     pub axes: Vec<Vec<f32>>,
 }
@@ -109,7 +109,7 @@ impl Coordinates {
         self.axes.iter().map(scaled).collect()
     }
 
-    /// Computes the tables at some places, each with an arbitrary scale.
+    /// Computes the tables of materials with these coordinates, each with an arbitrary scale.
     ///
     /// A table is `exp(mean + sum_k z_k a_k)`, with `a_k` the axis times the variance along it.
     /// Cells beyond the trusted ones have the value of the nearest trusted cell.

@@ -3,14 +3,25 @@
 #
 #   tools/nightly.sh [SECONDS]
 #
-# kills, small disks, crowds of processes and threads (ignored tests of gonio-cli), the Blender add-on
-# in Blender, and each fuzz target for SECONDS (60 by default; requires a nightly toolchain).
+# 1. kills, small disks, crowds of processes, and threads (the ignored tests of gonio-cli);
+# 2. the interactive sphere of the report against brute-force integration, in Chromium;
+# 3. the Blender add-on in Blender;
+# 4. each fuzz target for SECONDS (60 by default; requires a nightly toolchain).
+#
+# Run .ci/run first, which installs the packages.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 seconds=${1:-60}
 
 echo "== reliability"
 cargo test -p gonio-cli -p shared-features --test cli -- --ignored reliability
+
+echo "== interactive sphere"
+python="${MITSUBA_VENV:-$PWD/target/mitsuba-venv}"
+browser=crates/gonio-report/tests/browser
+page="$(mktemp -d)/viewer.html"
+"$python/bin/python" $browser/viewer_example.py "$page"
+node $browser/viewer.mjs "$page"
 
 echo "== Blender"
 # The module bpy 4.5 requires Python 3.11.

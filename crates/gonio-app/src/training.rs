@@ -290,19 +290,24 @@ pub fn posterior(
     })?;
     progress("learning materials", 0.0);
     let basis = LogBasis::fit(&tables, LogBasis::RANK);
-    let dictionary = Dictionary::new(basis, &DictionarySettings { seed, ..DictionarySettings::default() });
+    let dictionary_settings = DictionarySettings { seed, ..DictionarySettings::default() };
+    let dictionary = Dictionary::new(basis, &dictionary_settings);
     let stock_settings =
         StockSettings { groups: StockSettings::groups_for(steps), views, draws, seed, ..StockSettings::default() };
     let count = maps.len();
     let left_out = (!tested.is_empty()).then(|| Stock::new(dictionary.clone(), tested, stock_settings));
     let mut stock = Stock::new(dictionary, maps, stock_settings);
     let training = TrainingSettings { steps, seed, ..TrainingSettings::default() };
-    let note = format!("{} materials, {count} lights, {stock_settings:?}, {training:?}", tables.len());
+    let note = format!(
+        "{channel:?} of {} materials, {count} lights, {dictionary_settings:?}, {stock_settings:?}, {training:?}",
+        tables.len()
+    );
     let start = match &resumption.start {
         Some((path, bytes)) => {
             let (made_with, checkpoint) = decode_checkpoint(path, bytes)?;
             if made_with != note {
-                return Err(TrainError::Checkpoint.into());
+                let problem = "belongs to a training run with other settings; use the same settings or start a new run";
+                return Err(TrainingError::Data(path.display().to_string(), problem.into()));
             }
             Some(checkpoint)
         }
@@ -382,8 +387,7 @@ pub fn recolour(
 
 /// Encodes a checkpoint with a note on the settings of its training.
 fn encode_checkpoint(checkpoint: &Checkpoint, note: &str) -> Vec<u8> {
-    let Checkpoint { step, values, moments: [mean, square, average], others, losses } = checkpoint;
-    debug_assert_eq!(*step, losses.len());
+    let Checkpoint { values, moments: [mean, square, average], others, losses } = checkpoint;
     encode_arrays(note, &[values, mean, square, average, others, losses].map(Vec::as_slice))
 }
 
@@ -393,7 +397,7 @@ fn decode_checkpoint(path: &Path, bytes: &[u8]) -> Result<(String, Checkpoint), 
     let Ok([values, mean, square, average, others, losses]) = <[Vec<f32>; 6]>::try_from(arrays) else {
         return Err(TrainingError::Data(path.display().to_string(), "is not a checkpoint of a training".into()));
     };
-    let checkpoint = Checkpoint { step: losses.len(), values, moments: [mean, square, average], others, losses };
+    let checkpoint = Checkpoint { values, moments: [mean, square, average], others, losses };
     Ok((note, checkpoint))
 }
 

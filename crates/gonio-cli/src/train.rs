@@ -271,13 +271,18 @@ fn posterior(options: &Posterior) -> Result<Outcome> {
     name.push(".checkpoint");
     let path = PathBuf::from(name);
     let start = match options.resume {
-        true => Some((path.as_path(), std::fs::read(&path).with_context(|| path.display().to_string())?)),
+        true => {
+            let missing = || format!("{}: cannot read the checkpoint; omit --resume to start anew", path.display());
+            Some((path.as_path(), std::fs::read(&path).with_context(missing)?))
+        }
         false => None,
     };
     // A full disk must not end a training of hours; the next checkpoint may succeed.
     let unwritten = RefCell::new(None);
-    let keep = |bytes: Vec<u8>| unwritten.replace(write_file(&path, &bytes).err());
-    let resumption = Resumption { start, keep: &|bytes| drop(keep(bytes)) };
+    let keep = |bytes: Vec<u8>| {
+        unwritten.replace(write_file(&path, &bytes).err());
+    };
+    let resumption = Resumption { start, keep: &keep };
     let (learnt, losses, provenance) =
         learn(|progress| training::posterior(&lights, &materials, &settings, resumption, progress))?;
     write_file(&options.output, &encode_posterior(&learnt, &provenance))?;

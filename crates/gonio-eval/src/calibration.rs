@@ -21,7 +21,7 @@ use crate::colour::{ColourEstimator, Subject, photographs, subjects};
 use crate::data::Lights;
 
 /// Ends of the bands of half angle, in degrees.
-const BANDS: [f64; 7] = [0.0, 4.0, 10.0, 20.0, 35.0, 55.0, 80.0];
+pub(crate) const BANDS: [f64; 7] = [0.0, 4.0, 10.0, 20.0, 35.0, 55.0, 80.0];
 
 /// Ends of the bands of difference angle, in degrees.
 const DIFFERENCE_BANDS: [f64; 4] = [0.0, 30.0, 60.0, 80.0];
@@ -131,7 +131,7 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
 }
 
 /// Index of the band that an angle lies in.
-fn band_of(bands: &[f64], angle: f64) -> usize {
+pub(crate) fn band_of(bands: &[f64], angle: f64) -> usize {
     bands[1..bands.len() - 1].iter().filter(|end| angle.to_degrees() >= **end).count()
 }
 

@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 use glam::DVec3;
+use gonio::reflectance::BivariateTable;
 use gonio::reflectance::parametric::{CookTorrance, Lafortune, Parametric, Ward};
 
 /// Version of these materials, part of their fingerprints. Raise it when a formula or the reading
@@ -29,6 +30,15 @@ pub(crate) fn rgl_files(folder: &Path) -> Result<Vec<(String, PathBuf)>> {
     }
     files.sort();
     Ok(files)
+}
+
+/// Reads red, green and blue of the files of a folder ([`rgl_files`]).
+pub(crate) fn rgl_tables(folder: &Path) -> Result<Vec<(String, [BivariateTable; 3])>> {
+    let read = |(name, path): (String, PathBuf)| {
+        let table = gonio_io::rgl::read(path)?.to_merl();
+        Ok((name, [0, 1, 2].map(|c| table.bivariate(c))))
+    };
+    rgl_files(folder)?.into_iter().map(read).collect()
 }
 
 /// A grey material given by a formula. Its `Debug` output contains all its parameters.

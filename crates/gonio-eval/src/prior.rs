@@ -15,10 +15,8 @@ use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use rayon::prelude::*;
 
+use crate::calibration::{BANDS, band_of};
 use crate::metrics::median;
-
-/// Bounds of the bands of half angles in degrees.
-const BANDS: [f64; 7] = [0.0, 2.0, 7.0, 15.0, 27.5, 45.0, 65.0];
 
 /// Largest difference angle that is compared, in degrees; beyond it, real measurements are
 /// unreliable.
@@ -69,9 +67,7 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
         groups.push(("left-out reconstructed measurements", extra.into_iter().map(|(_, table)| table).collect()));
     }
     let mut real = Vec::new();
-    for (_, path) in crate::outside::rgl_files(&data.join("rgl"))? {
-        let table = gonio_io::brdf::read(&path)?;
-        let rgb = [0, 1, 2].map(|c| table.bivariate(c));
+    for (_, rgb) in crate::outside::rgl_tables(&data.join("rgl"))? {
         real.push(BivariateTable::luminance(&rgb));
         real.extend(rgb);
     }
@@ -136,9 +132,9 @@ struct Judged {
 impl Cells {
     fn new() -> Self {
         let (mut cells, mut bands) = (Vec::new(), Vec::new());
-        for row in (1..THETA_H).step_by(2) {
-            let degrees = theta_h_of(row).to_degrees();
-            let Some(band) = (0..6).find(|&b| (BANDS[b]..BANDS[b + 1]).contains(&degrees)) else { continue };
+        let end = BANDS[BANDS.len() - 1].to_radians();
+        for row in (1..THETA_H).step_by(2).filter(|&row| theta_h_of(row) < end) {
+            let band = band_of(&BANDS, theta_h_of(row));
             for column in (2..THETA_D).step_by(5).filter(|&c| theta_d_of(c).to_degrees() < MAX_DIFFERENCE_ANGLE) {
                 cells.push(row * THETA_D + column);
                 bands.push(band);
@@ -156,33 +152,34 @@ impl Cells {
 
 /// Returns the mean of the differences over chosen cells, and their root mean square about the
 /// mean.
-fn difference(a: &[f64], b: &[f64], chosen: impl Fn(usize) -> bool) -> (f64, f64) {
-    let (mut count, mut sum, mut squares) = (0.0, 0.0, 0.0);
-    for (_, (a, b)) in a.iter().zip(b).enumerate().filter(|(at, _)| chosen(*at)) {
-        (count, sum, squares) = (count + 1.0, sum + a - b, squares + (a - b).powi(2));
+fn difference(a: &[f64], b: &[f64], chosen: &[usize]) -> (f64, f64) {
+    let (mut sum, mut squares) = (0.0, 0.0);
+    for &cell in chosen {
+        let difference = a[cell] - b[cell];
+        (sum, squares) = (sum + difference, squares + difference * difference);
     }
-    let mean = sum / count;
-    (mean, (squares / count - mean * mean).max(0.0).sqrt())
+    let (mean, square) = (sum / chosen.len() as f64, squares / chosen.len() as f64);
+    (mean, (square - mean * mean).max(0.0).sqrt())
 }
 
 fn judge(cells: &Cells, coordinates: &Coordinates, draws: &[Vec<f64>], table: &BivariateTable) -> Judged {
     let truth = cells.logs(table);
     let projected = &coordinates.tables(&[coordinates.of(table)])[0];
-    let all = |_: usize| true;
-    let nearest = draws.iter().map(|draw| difference(&truth, draw, all).1).fold(f64::INFINITY, f64::min);
+    let all: Vec<usize> = (0..truth.len()).collect();
+    let nearest = draws.iter().map(|draw| difference(&truth, draw, &all).1).fold(f64::INFINITY, f64::min);
     let (mut covered, mut widths) = ([0.0; 6], [0.0; 6]);
     for band in 0..6 {
+        let (inside, others): (Vec<usize>, Vec<usize>) = all.iter().partition(|&&cell| cells.bands[cell] == band);
         let mut like: Vec<(f64, f64, usize)> = draws
             .iter()
             .enumerate()
             .map(|(at, draw)| {
-                let (mean, rms) = difference(&truth, draw, |cell| cells.bands[cell] != band);
+                let (mean, rms) = difference(&truth, draw, &others);
                 (rms, mean, at)
             })
             .collect();
         like.sort_by(|a, b| a.0.total_cmp(&b.0));
         like.truncate(NEIGHBOURS);
-        let inside: Vec<usize> = (0..truth.len()).filter(|&cell| cells.bands[cell] == band).collect();
         for &cell in &inside {
             let mut values: Vec<f64> = like.iter().map(|(_, mean, at)| draws[*at][cell] + mean).collect();
             values.sort_by(f64::total_cmp);
@@ -192,5 +189,5 @@ fn judge(cells: &Cells, coordinates: &Coordinates, draws: &[Vec<f64>], table: &B
             widths[band] += (high - low) / inside.len() as f64;
         }
     }
-    Judged { off_axes: difference(&truth, &cells.logs(projected), all).1, nearest, covered, widths }
+    Judged { off_axes: difference(&truth, &cells.logs(projected), &all).1, nearest, covered, widths }
 }

@@ -75,11 +75,9 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
 
 /// Materials outside of the MERL database, in luminance.
 fn materials(data: &Path) -> Result<Vec<(String, BivariateTable)>> {
-    let mut materials = Vec::new();
-    for (name, path) in crate::outside::rgl_files(&data.join("rgl"))? {
-        let table = gonio_io::brdf::read(&path)?;
-        materials.push((name, BivariateTable::luminance(&[0, 1, 2].map(|c| table.bivariate(c)))));
-    }
+    let measured = crate::outside::rgl_tables(&data.join("rgl"))?;
+    let mut materials: Vec<(String, BivariateTable)> =
+        measured.into_iter().map(|(name, rgb)| (name, BivariateTable::luminance(&rgb))).collect();
     let formulas = crate::outside::formulas();
     materials.extend(formulas.into_iter().map(|(name, formula)| (name.to_owned(), formula.to_bivariate())));
     Ok(materials)

@@ -160,11 +160,7 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
     };
     let lights = Lights::open(data)?;
     let maps: Vec<EnvironmentMap> = options.lights.iter().map(|name| lights.map(name)).collect::<Result<_>>()?;
-    let mut materials = Vec::new();
-    for (name, path) in crate::outside::rgl_files(&data.join("rgl"))? {
-        let table = gonio_io::brdf::read(&path)?;
-        materials.push((name, [0, 1, 2].map(|c| table.bivariate(c))));
-    }
+    let mut materials = crate::outside::rgl_tables(&data.join("rgl"))?;
     let grey = |table: BivariateTable| [table.clone(), table.clone(), table];
     let formulas = crate::outside::formulas();
     materials.extend(formulas.into_iter().map(|(name, formula)| (name.to_owned(), grey(formula.to_bivariate()))));

@@ -1,10 +1,9 @@
-//! State of an unfinished training.
+//! State of an unfinished training run.
 
-/// State of a training after some steps; a training resumed from it gives the same result.
+/// State of a training run after some steps. A run that is resumed from it gives the same result as
+/// an uninterrupted one.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Checkpoint {
-    /// Number of completed steps.
-    pub step: usize,
     /// Parameters.
     pub values: Vec<f32>,
     /// Moving averages of the gradient, of its square, and of the parameters.
@@ -13,4 +12,11 @@ pub struct Checkpoint {
     pub others: Vec<f32>,
     /// Loss of each completed step, in nats.
     pub losses: Vec<f32>,
+}
+
+impl Checkpoint {
+    /// Returns the number of completed steps.
+    pub fn step(&self) -> usize {
+        self.losses.len()
+    }
 }

@@ -193,7 +193,7 @@ fn a_resumed_training_gives_the_same_result() {
     let settings = TrainingSettings { drop: 0.2, ..small() };
     let (whole, losses) = crate::train(&mut { SMALL }, &settings, None, &monitor).unwrap();
     let kept = kept.into_inner();
-    assert_eq!(kept.iter().map(|c| c.step).collect::<Vec<_>>(), [1, 2, 3, 4]);
+    assert_eq!(kept.iter().map(Checkpoint::step).collect::<Vec<_>>(), [1, 2, 3, 4]);
     for start in [&kept[1], &kept[3]] {
         let resume = |start| crate::train(&mut { SMALL }, &settings, Some(start), &Monitor::new(&|_, _| ()));
         let (resumed, again) = resume(start.clone()).unwrap();

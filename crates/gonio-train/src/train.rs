@@ -359,11 +359,11 @@ pub fn train(
     let mut first_step = 0;
     if let Some(start) = start {
         let sizes = start.moments.iter().chain([&start.values]).all(|v| v.len() == values.len());
-        if !sizes || start.step > settings.steps || !start.others.len().is_multiple_of(samples.dimensions()) {
+        if !sizes || start.step() > settings.steps || !start.others.len().is_multiple_of(samples.dimensions()) {
             return Err(TrainError::Checkpoint);
         }
-        first_step = start.step;
-        optimiser = Optimiser::resume(start.moments, start.step);
+        first_step = start.step();
+        optimiser = Optimiser::resume(start.moments, first_step);
         (values, others, losses) = (start.values, start.others, start.losses);
     }
     for step in first_step..settings.steps {
@@ -386,7 +386,6 @@ pub fn train(
         losses.push(loss as f32);
         (monitor.progress)((step + 1) as f64 / settings.steps as f64, loss);
         (monitor.keep)(&|| Checkpoint {
-            step: step + 1,
             values: values.clone(),
             moments: optimiser.moments(),
             others: others.clone(),

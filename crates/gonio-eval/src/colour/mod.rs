@@ -179,10 +179,8 @@ pub(crate) fn subjects(data: &Path) -> Result<Vec<Subject>> {
             subjects.push(Subject { group: "measured_extra", name, rgb });
         }
     }
-    for (name, path) in outside::rgl_files(&data.join("rgl"))? {
-        let table = gonio_io::rgl::read(&path)?.to_merl();
-        subjects.push(Subject { group: "rgl", name, rgb: [0, 1, 2].map(|c| table.bivariate(c)) });
-    }
+    let real = outside::rgl_tables(&data.join("rgl"))?;
+    subjects.extend(real.into_iter().map(|(name, rgb)| Subject { group: "rgl", name, rgb }));
     for (name, rgb) in formulas::coloured() {
         subjects.push(Subject { group: "formulas", name: name.to_owned(), rgb });
     }

@@ -7,7 +7,7 @@
 use rand::{Rng, RngExt};
 use rand_distr::{Distribution, Poisson};
 
-use super::fields::{between, bilinear, blurred, field, gauss, quantile, slopes};
+use super::fields::{between, bilinear, blurred, field, gauss, log_between, quantile, slopes};
 use super::figure::Figure;
 use super::scene::Scene;
 use crate::appearance::disk::{self, DiskImage, SIDE, on_disk};
@@ -106,9 +106,8 @@ impl Camera {
     /// One quarter of the photographs are renderings, clean except for weak noise and, in some,
     /// unevenly spread normals. In the others, each effect occurs with its own probability.
     pub fn draw(rng: &mut impl Rng) -> Self {
-        let log = |rng: &mut _, low: f32, high: f32| log_between(rng, (low, high));
         let clean = rng.random_range(0.0..1.0) < 0.25;
-        let radius = log(rng, 40.0, 600.0);
+        let radius = log_between(rng, 40.0, 600.0);
         // The normals of a mesh or a list are not spread as evenly as a ball's pixels.
         let scattered = if rng.random_range(0.0..1.0) < 0.4 { between(rng, 0.01, 0.6) } else { 0.0 };
         if clean {
@@ -119,26 +118,26 @@ impl Camera {
         };
         let figure = maybe(0.6, &|_| 1.0) > 0.0;
         Self {
-            radius: if figure { maybe(1.0, &|r| log(r, 60.0, 400.0)) } else { radius },
+            radius: if figure { maybe(1.0, &|r| log_between(r, 60.0, 400.0)) } else { radius },
             uneven: if figure { maybe(1.0, &|r| between(r, 0.0, 1.2)) } else { scattered },
-            missing: maybe(0.3, &|r| log(r, 0.01, 0.4)),
-            read: maybe(0.7, &|r| log(r, 5e-4, 0.03)),
-            shot: maybe(0.7, &|r| log(r, 1e-3, 0.05)),
+            missing: maybe(0.3, &|r| log_between(r, 0.01, 0.4)),
+            read: maybe(0.7, &|r| log_between(r, 5e-4, 0.03)),
+            shot: maybe(0.7, &|r| log_between(r, 1e-3, 0.05)),
             levels: maybe(0.4, &|r| [256.0, 256.0, 1024.0, 4096.0][r.random_range(0..4)]),
-            clipped: maybe(0.15, &|r| log(r, 5e-4, 0.05)),
-            blur: maybe(0.5, &|r| log(r, 0.2, 2.0)),
-            glare: maybe(0.4, &|r| log(r, 0.002, 0.05)),
-            speckle: maybe(0.7, &|r| log(r, 0.003, 0.35)),
-            stains: maybe(0.5, &|r| log(r, 0.01, 0.3)),
+            clipped: maybe(0.15, &|r| log_between(r, 5e-4, 0.05)),
+            blur: maybe(0.5, &|r| log_between(r, 0.2, 2.0)),
+            glare: maybe(0.4, &|r| log_between(r, 0.002, 0.05)),
+            speckle: maybe(0.7, &|r| log_between(r, 0.003, 0.35)),
+            stains: maybe(0.5, &|r| log_between(r, 0.01, 0.3)),
             shadow: if figure { maybe(0.7, &|r| between(r, 0.0, 0.8)) } else { 0.0 },
-            bounce: if figure { maybe(0.6, &|r| log(r, 0.005, 0.15)) } else { 0.0 },
-            foreign: maybe(0.12, &|r| log(r, 0.003, 0.12)),
-            painted: maybe(0.1, &|r| log(r, 0.02, 0.5)),
+            bounce: if figure { maybe(0.6, &|r| log_between(r, 0.005, 0.15)) } else { 0.0 },
+            foreign: maybe(0.12, &|r| log_between(r, 0.003, 0.12)),
+            painted: maybe(0.1, &|r| log_between(r, 0.02, 0.5)),
             occluded: maybe(0.05, &|r| between(r, 0.1, 0.5)),
-            defective: maybe(0.1, &|r| log(r, 1e-4, 3e-3)),
-            rough_normals: maybe(0.4, &|r| log(r, 0.003, 0.08)),
-            wrong_normals: maybe(0.4, &|r| log(r, 0.003, 0.05)),
-            outline: maybe(0.4, &|r| log(r, 0.002, 0.03)),
+            defective: maybe(0.1, &|r| log_between(r, 1e-4, 3e-3)),
+            rough_normals: maybe(0.4, &|r| log_between(r, 0.003, 0.08)),
+            wrong_normals: maybe(0.4, &|r| log_between(r, 0.003, 0.05)),
+            outline: maybe(0.4, &|r| log_between(r, 0.002, 0.03)),
             figure,
         }
     }
@@ -213,7 +212,7 @@ impl Camera {
             let mut noisy = value + gauss(rng) * error;
             // With this probability, one of the pixels of the cell is defective.
             if self.defective > 0.0 && between(rng, 0.0, 1.0) < self.defective * count.max(1.0) {
-                let reading = if between(rng, 0.0, 1.0) < 0.5 { 0.0 } else { mean * log_between(rng, HOT) };
+                let reading = if between(rng, 0.0, 1.0) < 0.5 { 0.0 } else { mean * log_between(rng, HOT.0, HOT.1) };
                 noisy += (reading - value) / count.max(1.0);
             }
             // Rounding is visible where few pixels are averaged.
@@ -343,11 +342,6 @@ impl Camera {
         let told = (self.speckle.powi(2) + rest).sqrt() * (0.15 * gauss(rng)).exp();
         told.max(0.001)
     }
-}
-
-/// Draws a number whose logarithm is uniformly distributed.
-fn log_between(rng: &mut impl Rng, (low, high): (f32, f32)) -> f32 {
-    between(rng, low.ln(), high.ln()).exp()
 }
 
 /// Resamples an image at these places, in cells.

@@ -9,6 +9,11 @@ pub(super) fn between(rng: &mut impl Rng, low: f32, high: f32) -> f32 {
     rng.random_range(low..high)
 }
 
+/// Draws a number whose logarithm is uniformly distributed.
+pub(super) fn log_between(rng: &mut impl Rng, low: f32, high: f32) -> f32 {
+    between(rng, low.ln(), high.ln()).exp()
+}
+
 pub(super) fn gauss(rng: &mut impl Rng) -> f32 {
     StandardNormal.sample(rng)
 }

@@ -8,7 +8,7 @@
 use rand::Rng;
 
 use super::Camera;
-use super::fields::{between, field, gauss};
+use super::fields::{between, field, gauss, log_between};
 use crate::appearance::disk::{SIDE, centre, on_disk};
 
 /// Statistics of the pixels of a cell: their number, and means over the parts that share the cell.
@@ -50,12 +50,12 @@ impl Part {
         let angle = between(rng, 0.0, std::f32::consts::PI);
         let distance = between(rng, 0.0, 1.0).sqrt();
         let direction = between(rng, 0.0, std::f32::consts::TAU);
-        let long = between(rng, 0.1_f32.ln(), 0.0).exp();
+        let long = log_between(rng, 0.1, 1.0);
         Self {
             middle: (distance * direction.cos(), distance * direction.sin()),
             along: (angle.cos(), angle.sin()),
-            reach: (long, long * between(rng, 0.15_f32.ln(), 0.0).exp()),
-            weight: between(rng, 0.3_f32.ln(), 5.0_f32.ln()).exp(),
+            reach: (long, long * log_between(rng, 0.15, 1.0)),
+            weight: log_between(rng, 0.3, 5.0),
             ..Self::whole(stains, rng)
         }
     }
@@ -102,7 +102,7 @@ impl Part {
 impl Figure {
     /// Draws a figure with the stains, the shadow and the interreflections of a camera.
     pub(super) fn draw(camera: &Camera, rng: &mut impl Rng) -> Self {
-        let count = between(rng, 3.0_f32.ln(), 60.0_f32.ln()).exp() as usize;
+        let count = log_between(rng, 3.0, 60.0) as usize;
         let whole = Part::whole(camera.stains, rng);
         let parts: Vec<Part> =
             std::iter::once(whole).chain((0..count).map(|_| Part::draw(camera.stains, rng))).collect();

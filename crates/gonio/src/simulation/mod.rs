@@ -211,10 +211,9 @@ impl Stock {
     /// of the groups.
     pub fn place(&self, number: u64) -> Vec<f64> {
         let mut rng = self.generator(number);
-        let mut draw = || self.dictionary.table(&self.dictionary.draw(&self.settings.prior, &mut rng));
+        let mut draw = || self.dictionary.draw(&self.settings.prior, &mut rng);
         let (one, two) = (draw(), draw());
-        let share = share(&mut rng);
-        self.dictionary.coordinates.of(&mixture([(&one, share), (&two, 1.0 - share)]))
+        self.place_of_mixture(&one, &two, share(&mut rng))
     }
 
     fn generator(&self, number: u64) -> Pcg64 {
@@ -226,15 +225,9 @@ impl Stock {
         let mut any = || rng.random_range(0..group.materials.len());
         let (one, two, foreign) = (any(), any(), any());
         let share = share(rng);
-        let mut at: f64 = rng.random_range(0.0..1.0);
-        let count = 1 + SUMMED
-            .iter()
-            .take_while(|share| {
-                at -= **share;
-                at >= 0.0
-            })
-            .count()
-            .min(SUMMED.len() - 1);
+        let at = rng.random_range(0.0..1.0);
+        let below = |count: usize| SUMMED[..count].iter().sum::<f64>();
+        let count = (1..SUMMED.len()).find(|&count| at < below(count)).unwrap_or(SUMMED.len());
         let deviation = rng.random_range(WEIGHTS.0..WEIGHTS.1);
         let view = |_| {
             let weight = (deviation * Distribution::<f64>::sample(&StandardNormal, &mut *rng)).exp() as f32;
@@ -248,20 +241,25 @@ impl Stock {
         if pick.share == 1.0 {
             return pick.group.places[pick.one].clone();
         }
-        let [one, two] = [pick.one, pick.two].map(|at| self.dictionary.table(&pick.group.materials[at]));
-        self.dictionary.coordinates.of(&mixture([(&one, pick.share), (&two, 1.0 - pick.share)]))
+        let [one, two] = [pick.one, pick.two].map(|at| &pick.group.materials[at]);
+        self.place_of_mixture(one, two, pick.share)
+    }
+
+    /// Returns the coordinates of a mixture of two materials. `share` is that of the first.
+    fn place_of_mixture(&self, one: &DrawnMaterial, two: &DrawnMaterial, share: f32) -> Vec<f64> {
+        let mut table = self.dictionary.table(one);
+        if share < 1.0 {
+            let other = self.dictionary.table(two);
+            let cells = table.as_mut_slice().iter_mut().zip(other.as_slice());
+            cells.for_each(|(a, b)| *a = share * *a + (1.0 - share) * b);
+        }
+        self.dictionary.coordinates.of(&table)
     }
 }
 
 /// Draws the share of the first of two materials.
 fn share(rng: &mut Pcg64) -> f32 {
     if rng.random_bool(MIXED) { rng.random_range(0.0..1.0) } else { 1.0 }
-}
-
-/// Returns the table of a mixture of two materials.
-fn mixture([one, two]: [(&BivariateTable, f32); 2]) -> BivariateTable {
-    let cells = one.0.as_slice().iter().zip(two.0.as_slice());
-    BivariateTable::from_vec(cells.map(|(a, b)| one.1 * a + two.1 * b).collect())
 }
 
 /// Choice of the materials and the light of a photograph.

@@ -26,7 +26,7 @@ pub struct Scene {
     pub clip: Option<f32>,
     /// Mask of the object; detected if `None`.
     pub mask: Option<Source<Plane<f32>>>,
-    /// Also use regions of another colour than the rest of the object.
+    /// Also use pixels whose colour differs from the rest of the object.
     pub keep_colours: bool,
     /// Estimate although shape or light contradict the photograph.
     pub force: bool,

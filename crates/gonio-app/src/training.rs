@@ -395,7 +395,7 @@ fn encode_checkpoint(checkpoint: &Checkpoint, note: &str) -> Vec<u8> {
 fn decode_checkpoint(path: &Path, bytes: &[u8]) -> Result<(String, Checkpoint), TrainingError> {
     let (note, arrays) = decode_arrays(path, bytes)?;
     let Ok([values, mean, square, average, others, losses]) = <[Vec<f32>; 6]>::try_from(arrays) else {
-        return Err(TrainingError::Data(path.display().to_string(), "is not a checkpoint of a training".into()));
+        return Err(TrainingError::Data(path.display().to_string(), "is not a training checkpoint".into()));
     };
     let checkpoint = Checkpoint { values, moments: [mean, square, average], others, losses };
     Ok((note, checkpoint))

@@ -150,7 +150,7 @@ enum MethodName {
     Learnt,
     /// Separable posterior of light and reflectance (Algorithm 1 of the paper)
     Variational,
-    /// Joint MAP estimate of light and reflectance; tends to trivial solutions
+    /// Joint MAP estimate of light and reflectance; inaccurate, for comparison with the paper
     Map,
     /// Posterior of the material under the light of --light
     KnownLight,

@@ -27,7 +27,7 @@ pub(crate) fn words(suggestion: &Suggestion) -> Option<String> {
         Suggestion::ChartCorners => {
             "specify the centres of its corner patches (dark skin, bluish green, black, white) with --color-checker X,Y,X,Y,X,Y,X,Y"
         }
-        Suggestion::ClipLevel => "if they are not clipped, specify the clipping level with --clip VALUE",
+        Suggestion::ClipLevel => "if they are not clipped, specify the clip level with --clip VALUE",
         Suggestion::ReferenceColourOnly => "use only its colour with --reference-color-only",
         Suggestion::Times => "--times 1/30,1/8,... specifies them",
         Suggestion::Separately => "pass one photograph at a time, or use `gonio batch IMAGE... -o DIR` for several",

@@ -147,7 +147,7 @@ pub(crate) struct Posterior {
     /// Leave every N-th light out of the training and report the loss on these lights
     #[arg(long, value_name = "N")]
     leave_out: Option<usize>,
-    /// Continue an interrupted training with the same settings
+    /// Continue an interrupted training run with the same settings
     ///
     /// gonio saves the state of the training to OUTPUT.checkpoint every five minutes, and removes
     /// this file at the end. A resumed training gives the same result as an uninterrupted one.

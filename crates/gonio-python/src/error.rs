@@ -45,7 +45,7 @@ pub(crate) fn words(suggestion: &Suggestion) -> Option<String> {
         Suggestion::ChartCorners => {
             "specify the centres of its corner patches (dark skin, bluish green, black, white) with color_checker=[(x, y), ...]"
         }
-        Suggestion::ClipLevel => "if they are not clipped, specify the clipping level with clip=",
+        Suggestion::ClipLevel => "if they are not clipped, specify the clip level with clip=",
         Suggestion::ReferenceColourOnly => "use only its colour with reference_color_only=True",
         Suggestion::Times => "times=[...] specifies them",
         Suggestion::Turn => "specify the angle with second_yaw=DEGREES",

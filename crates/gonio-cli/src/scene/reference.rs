@@ -37,8 +37,8 @@ pub(super) struct ReferenceOptions {
     reference_reflectance: Option<f64>,
     /// Use the colour of the reference, but not its brightness
     ///
-    /// Use this option if the reference does not face the camera or is not under the light of the
-    /// object.
+    /// Use this option if the reference does not face the camera, or if another light illuminates
+    /// it than the object.
     #[arg(long)]
     reference_color_only: bool,
 }

@@ -104,7 +104,7 @@ pub fn encode_posterior(learnt: &LearntPosterior, provenance: &str) -> Vec<u8> {
     encode(Content::Posterior, metadata, provenance, &tensors)
 }
 
-/// Encodes the arrays of a checkpoint of a training, with a note.
+/// Encodes the arrays of a training checkpoint, with a note.
 pub fn encode_arrays(note: &str, arrays: &[&[f32]]) -> Vec<u8> {
     let tensor = |(at, values): (usize, &&[f32])| Tensor::f32(at.to_string(), &[values.len()], values);
     let tensors: Vec<Tensor> = arrays.iter().enumerate().map(tensor).collect();

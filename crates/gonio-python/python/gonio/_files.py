@@ -96,7 +96,7 @@ def write_image(path: Path, image: Array, *, clip: float | None = None, colorspa
     image : array
         Shape (height, width), (height, width, 3) or (height, width, 4).
     clip : float, optional
-        For ``.exr``: clipping level; :func:`infer` ignores pixels at or above it.
+        For ``.exr``: clip level; :func:`infer` ignores pixels at or above it.
     colorspace : str, optional
         For ``.exr``: colour space of the image, stored in the file. The colours are not converted.
 

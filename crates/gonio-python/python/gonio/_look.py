@@ -148,7 +148,7 @@ class Merged:
         Parameters
         ----------
         path : str or os.PathLike
-            An ``.exr`` file. It stores the clipping level for :func:`infer`.
+            An ``.exr`` file. It stores the clip level for :func:`infer`.
         """
         name = os.fspath(path)
         if not name.lower().endswith(".exr"):

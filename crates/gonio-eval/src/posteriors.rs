@@ -53,6 +53,15 @@ pub(crate) struct Effort {
     /// Steps of the training, each on 128 photographs
     #[arg(long, default_value_t = TrainingSettings::default().steps, value_parser = some())]
     steps: usize,
+    /// Materials drawn for the dictionary
+    #[arg(long, default_value_t = DictionarySettings::default().draws, value_parser = some())]
+    entries: usize,
+    /// Coordinates of materials
+    #[arg(long, default_value_t = DictionarySettings::default().dimensions, value_parser = some())]
+    dimensions: usize,
+    /// Materials that represent the prior in the posterior
+    #[arg(long, default_value_t = TrainingSettings::default().candidates, value_parser = some())]
+    candidates: usize,
 }
 
 fn some() -> RangedU64ValueParser<usize> {
@@ -63,14 +72,22 @@ impl Effort {
     /// Returns the default settings with this effort.
     pub(crate) fn learning(&self) -> Learning {
         Learning {
-            dictionary: DictionarySettings::default(),
+            dictionary: DictionarySettings {
+                draws: self.entries,
+                dimensions: self.dimensions,
+                ..DictionarySettings::default()
+            },
             stock: StockSettings {
                 groups: StockSettings::groups_for(self.steps),
                 views: self.views,
                 draws: self.draws,
                 ..StockSettings::default()
             },
-            training: TrainingSettings { steps: self.steps, ..TrainingSettings::default() },
+            training: TrainingSettings {
+                steps: self.steps,
+                candidates: self.candidates,
+                ..TrainingSettings::default()
+            },
         }
     }
 }

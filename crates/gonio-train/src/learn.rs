@@ -14,11 +14,6 @@ const RANGED: usize = 2000;
 /// Index of the first of these photographs, beyond those of the training.
 const FIRST: u64 = 1 << 40;
 
-/// Number of materials that represent the prior. A quarter of them would suffice for most
-/// photographs, but would leave very few materials to the most certain posteriors
-/// (`docs/trials.md`).
-const CANDIDATES: u64 = 8192;
-
 /// Number of photographs over which a loss is averaged.
 const TESTED: usize = 1024;
 
@@ -57,13 +52,13 @@ pub fn learn(
     };
     let new_lights = left_out.map(|mut stock| test(&mut stock));
     let losses = TrainingLosses { training, new_scenes: test(stock), new_lights };
-    Ok((posterior(stock, &trained, RANGED.min(settings.steps * settings.batch)), losses))
+    Ok((posterior(stock, &trained, settings), losses))
 }
 
 /// Builds the posterior from the trained encoder, the measured materials and draws from the prior.
-/// Also computes the usual ranges of features over `ranged` photographs, and the widths of the
-/// prior's intervals.
-fn posterior(stock: &Stock, trained: &Trained, ranged: usize) -> LearntPosterior {
+/// Also computes the usual ranges of features, and the widths of the prior's intervals.
+fn posterior(stock: &Stock, trained: &Trained, settings: &TrainingSettings) -> LearntPosterior {
+    let ranged = RANGED.min(settings.steps * settings.batch);
     let dictionary = stock.dictionary();
     let features: Vec<Vec<f32>> = (FIRST..FIRST + ranged as u64)
         .into_par_iter()
@@ -84,7 +79,7 @@ fn posterior(stock: &Stock, trained: &Trained, ranged: usize) -> LearntPosterior
         let places: Vec<Vec<f32>> = places.iter().map(|p| p.iter().map(|z| *z as f32).collect()).collect();
         Candidates { embeddings: places.par_iter().map(|place| trained.embed(place)).collect(), places }
     };
-    let drawn = (FIRST..FIRST + CANDIDATES).into_par_iter().map(|number| stock.place(number)).collect();
+    let drawn = (FIRST..FIRST + settings.candidates as u64).into_par_iter().map(|number| stock.place(number)).collect();
     let tables: Vec<BivariateTable> = dictionary.entries.par_iter().map(|entry| dictionary.table(entry)).collect();
     LearntPosterior {
         names: dictionary.measured.names.clone(),

@@ -49,6 +49,10 @@ pub struct TrainingSettings {
     pub widths: Vec<usize>,
     /// Hidden layers of the encoder, as in [`EncoderShape::hidden`].
     pub hidden: Vec<usize>,
+    /// Number of materials that represent the prior in the posterior. A quarter of the default would
+    /// suffice for most photographs, but would leave very few materials to the most certain
+    /// posteriors (`docs/trials.md`).
+    pub candidates: usize,
     /// Seed of the initial weights and of dropout.
     pub seed: u64,
 }
@@ -69,6 +73,7 @@ impl Default for TrainingSettings {
             average: 0.999,
             widths: shape.widths,
             hidden: shape.hidden,
+            candidates: 8192,
             seed: 1,
         }
     }
@@ -206,6 +211,7 @@ impl Model {
         let check = |ok: bool, name| if ok { Ok(()) } else { Err(TrainError::Setting(name)) };
         check((1..=1024).contains(&settings.embedding), "embedding")?;
         check(settings.others > 0, "others")?;
+        check(settings.candidates > 0, "candidates")?;
         check(settings.materials.iter().all(|units| (1..=4096).contains(units)), "materials")?;
         check(settings.batch > 0, "batch")?;
         check((0.0..1.0).contains(&settings.drop), "drop")?;

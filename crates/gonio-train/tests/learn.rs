@@ -52,6 +52,7 @@ fn settings(steps: usize) -> TrainingSettings {
         materials: vec![32],
         widths: vec![4, 6, 8],
         hidden: vec![32],
+        candidates: 512,
         ..TrainingSettings::default()
     }
 }

@@ -5,8 +5,10 @@
 //!
 //! This module exposes a [`session::Session`] to JavaScript. `page/` contains the page:
 //! `index.html` with its style, `page.js`, which displays results, and `worker.js`, which runs a
-//! session in a worker, so that the page stays responsive. `cargo run -p xtask -- web` packs
-//! everything into one file. The worker measures times; this crate does not read a clock.
+//! session in a worker, so that the page stays responsive.
+//!
+//! `cargo run -p xtask --features web -- web` packs everything into one file. The worker measures
+//! times; this crate does not read a clock.
 
 pub mod preview;
 pub mod session;

@@ -1,7 +1,11 @@
 //! Tasks of the workspace that cargo has no command for: `cargo run -p xtask -- TASK`.
+//!
+//! The task `web` requires the feature of this name.
 
+#[cfg(feature = "web")]
 mod relaxed;
 mod sbom;
+#[cfg(feature = "web")]
 mod web;
 
 use std::path::PathBuf;
@@ -20,6 +24,7 @@ enum Task {
         output: PathBuf,
     },
     /// Builds the page for inference in the browser as one self-contained file
+    #[cfg(feature = "web")]
     Web {
         /// Folder for index.html
         #[arg(short, long, value_name = "DIR", default_value = "target/web")]
@@ -30,6 +35,7 @@ enum Task {
 fn main() -> ExitCode {
     let done = match Task::parse() {
         Task::Sbom { output } => sbom::make(&output),
+        #[cfg(feature = "web")]
         Task::Web { output } => web::make(&output),
     };
     match done {

@@ -43,9 +43,9 @@ pub(crate) struct MaterialSpace {
 
 impl MaterialSpace {
     /// Learns from the channels of training materials, whose luminances are `training`.
-    fn of(training: &[(String, BivariateTable)], rgb: &[[BivariateTable; 3]]) -> Self {
+    fn of(training: &[(String, BivariateTable)], rgb: &[[BivariateTable; 3]], settings: &DictionarySettings) -> Self {
         let basis = LogBasis::fit(training, LogBasis::RANK);
-        let Dictionary { coordinates, places, .. } = Dictionary::new(basis, &DictionarySettings::default());
+        let Dictionary { coordinates, places, .. } = Dictionary::new(basis, settings);
         // Under a known light, the errors of blind estimates and the chromas of lights are not
         // needed.
         let error = vec![0.0; coordinates.axes.len() + 1];
@@ -105,7 +105,7 @@ impl Knowledge {
             // The embedded model of colours was learnt from other materials.
             posterior.colours = Some(posteriors::colours(cache, posterior, rgb.clone(), lights, COLOUR_STRIDE)?);
         }
-        let space = known_light.then(|| MaterialSpace::of(&training, &rgb));
+        let space = known_light.then(|| MaterialSpace::of(&training, &rgb, &learning.dictionary));
         let provenance = format!("basis of {} materials", kept.len());
         Ok(Self {
             model: Model { light, reflectance, learnt: posterior, provenance },

@@ -14,7 +14,7 @@ use glam::DQuat;
 use gonio::appearance::Lattice;
 use gonio::inference::learnt::{LearntPosterior, MaterialPosterior, peak_over_base};
 use gonio::lighting::LightPrior;
-use gonio::reflectance::{BivariateTable, DictionarySettings, Kind, Prior};
+use gonio::reflectance::{BivariateTable, Kind, Prior};
 use gonio::render::Relighter;
 use gonio::simulation::{Camera, LightKind, SceneRenderer, generator};
 use gonio_io::cache::Cache;
@@ -60,12 +60,6 @@ pub(crate) struct Options {
     seen: usize,
     #[command(flatten)]
     effort: Effort,
-    /// Number of coordinates of materials.
-    #[arg(long)]
-    dimensions: Option<usize>,
-    /// Number of entries drawn for the dictionary.
-    #[arg(long)]
-    entries: Option<usize>,
 }
 
 /// Parses a kind by its name in files; the error lists the names.
@@ -143,13 +137,7 @@ fn learning(options: &Options) -> Learning {
     let mut learning = options.effort.learning();
     let prior = kept(options);
     learning.stock.prior = prior;
-    let default = learning.dictionary;
-    learning.dictionary = DictionarySettings {
-        prior,
-        dimensions: options.dimensions.unwrap_or(default.dimensions),
-        draws: options.entries.unwrap_or(default.draws),
-        ..default
-    };
+    learning.dictionary.prior = prior;
     learning
 }
 

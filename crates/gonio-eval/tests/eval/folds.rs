@@ -19,6 +19,8 @@ fn errors_cover_the_left_out_materials_and_kinds() {
         "60",
         "--dimensions",
         "3",
+        "--candidates",
+        "400",
     ];
     let output = run(place.command(&small).args(["--without", "metal,cloth"]));
     let table = String::from_utf8(output.stdout).unwrap();

@@ -72,15 +72,30 @@ pub struct DiskImage {
     pub scatter: f32,
 }
 
+/// Whether each cell is on the disk. A simulated photograph asks for every cell dozens of times.
+static ON_DISK: [bool; SIDE * SIDE] = {
+    let mut on = [false; SIDE * SIDE];
+    let mut cell = 0;
+    while cell < on.len() {
+        let (x, y) = centre(cell);
+        on[cell] = x * x + y * y <= RIM * RIM;
+        cell += 1;
+    }
+    on
+};
+
 /// Whether a cell is on the disk.
 pub fn on_disk(cell: usize) -> bool {
-    let (x, y) = centre(cell);
-    x * x + y * y <= RIM * RIM
+    ON_DISK[cell]
+}
+
+/// Returns the coordinate of the middle of a column.
+const fn place(column: usize) -> f32 {
+    (column as f32 + 0.5) * (2.0 / SIDE as f32) - 1.0
 }
 
 /// Returns the centre `(x, y)` of a cell.
-pub fn centre(cell: usize) -> (f32, f32) {
-    let place = |i: usize| (i as f32 + 0.5) * (2.0 / SIDE as f32) - 1.0;
+pub const fn centre(cell: usize) -> (f32, f32) {
     (place(cell % SIDE), -place(cell / SIDE))
 }
 

@@ -311,7 +311,7 @@ impl Camera {
             let x = x * (1.0 + stretch) + dx + regional * right[cell];
             let y = y * (1.0 + stretch) + dy + regional * down[cell];
             // There is no object beyond the rim.
-            let shrink = (0.975 * cells / x.hypot(y).max(1e-6)).min(1.0);
+            let shrink = (0.975 * cells / (x * x + y * y).sqrt().max(1e-6)).min(1.0);
             (x * shrink + cells - 0.5, y * shrink + cells - 0.5)
         };
         (0..SIDE * SIDE).map(at).collect()

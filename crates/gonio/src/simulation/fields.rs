@@ -34,7 +34,8 @@ pub(super) fn slopes(image: &[f32]) -> Vec<f32> {
         let along = |a: usize, b: usize| {
             if on_disk(a) && on_disk(b) { 0.5 * (image[b] - image[a]) } else { 0.0 }
         };
-        along(c - 1, c + 1).hypot(along(c - SIDE, c + SIDE))
+        let (x, y) = (along(c - 1, c + 1), along(c - SIDE, c + SIDE));
+        (x * x + y * y).sqrt()
     };
     (0..SIDE * SIDE).map(slope).collect()
 }

@@ -1,5 +1,7 @@
 //! Ideal pictures of a ball, on the disk of normals.
 
+use std::sync::LazyLock;
+
 use glam::Vec3;
 use rayon::prelude::*;
 
@@ -87,6 +89,25 @@ const RANGE: f32 = 24.0;
 const MOST_DETAIL: f32 = 2.0;
 const DETAIL_RANGE: f32 = 7.0;
 
+/// Exponentials of packed numbers.
+struct Tables {
+    /// Factors of the high and the low byte of a value.
+    high: [f32; 256],
+    low: [f32; 256],
+    /// Ratios of detail to value.
+    details: [f32; 256],
+}
+
+static TABLES: LazyLock<Tables> = LazyLock::new(|| {
+    let (step, fine) = (RANGE / f32::from(u16::MAX), DETAIL_RANGE / 255.0);
+    let detail = |k: usize| if k == 0 { 0.0 } else { MOST_DETAIL * (fine * (k as f32 - 255.0)).exp() };
+    Tables {
+        high: std::array::from_fn(|k| (-step * 256.0 * k as f32).exp()),
+        low: std::array::from_fn(|k| (-step * k as f32).exp()),
+        details: std::array::from_fn(detail),
+    }
+});
+
 impl Packed {
     pub(super) fn of(scene: &Scene) -> Self {
         let on = || (0..SIDE * SIDE).filter(|&c| on_disk(c));
@@ -102,14 +123,14 @@ impl Packed {
 
     /// Adds the scene, multiplied by a weight.
     pub(super) fn add_to(&self, weight: f32, scene: &mut Scene) {
-        let (step, fine) = (RANGE / f32::from(u16::MAX), DETAIL_RANGE / 255.0);
+        let Tables { high, low, details } = &*TABLES;
+        let scale = weight * self.top.exp();
         let cells = (0..SIDE * SIDE).filter(|&c| on_disk(c));
         for ((cell, value), detail) in cells.zip(&self.values).zip(&self.details) {
-            let value = weight * (self.top - step * f32::from(*value)).exp();
+            let [above, below] = value.to_be_bytes();
+            let value = scale * high[usize::from(above)] * low[usize::from(below)];
             scene.values[cell] += value;
-            if *detail > 0 {
-                scene.details[cell] += value * MOST_DETAIL * (fine * (f32::from(*detail) - 255.0)).exp();
-            }
+            scene.details[cell] += value * details[usize::from(*detail)];
         }
     }
 }

@@ -172,7 +172,7 @@ def two_explanations(photograph):
     write_mirror(WORK / "mirror.binary")
     gonio("light", "blue.exr", "-o", "blurry.exr")
     figure, axes = page(2, 4, height=4.6, width_ratios=[1, 2, 1, 1])
-    for row, (what, brdf, light) in zip(axes, (("a mirror", "mirror.binary", "blurry.exr"), ("the estimate", "blue/brdf.binary", "blue/light.exr"))):
+    for row, (what, brdf, light) in zip(axes, (("a mirror", "mirror.binary", "blurry.exr"), ("the estimate", "blue/brdf.npz", "blue/light.exr"))):
         made = render(brdf, light, "made.exr")
         left = np.sqrt(np.nanmean(misfit(made, photograph) ** 2))
         shown = read(WORK / light)[..., :3]
@@ -245,8 +245,9 @@ def candidates(photograph, found):
 def interval(found):
     """Two slices of the BRDF with their intervals, and the truth."""
     gonio("convert", BLUE, "truth.binary")
-    truth, mean = luminance_table(WORK / "truth.binary"), luminance_table(WORK / "blue/brdf.binary")
-    quantiles = np.load(WORK / "blue/brdf_quantiles.npy")
+    found = np.load(WORK / "blue/brdf.npz")
+    truth, mean = luminance_table(WORK / "truth.binary"), found["brdf"] @ RGB_TO_Y
+    quantiles = found["luminance_quantiles"]
     trusted = np.ix_(HALF < 80, DIFFERENCE < 80)
     seen = truth[trusted] > 0
     truth = truth * np.exp(np.median(np.log(mean[trusted][seen] / truth[trusted][seen])))
@@ -285,7 +286,7 @@ def misfits(photograph, blind, lit, wrong):
     """Photograph, reproduction and difference: unknown light, correct light map and wrong light map."""
     figure, axes = page(3, 4, height=7.4, width_ratios=[1, 1, 1, 2.1])
     for row, (what, notes, folder) in zip(axes, (("Unknown light", blind, "blue"), ("Known light, correct map", lit, "lit"), ("Known light, map of another place", wrong, "wrong"))):
-        made = render(f"{folder}/brdf.binary", f"{folder}/light.exr", "made.exr")
+        made = render(f"{folder}/brdf.npz", f"{folder}/light.exr", "made.exr")
         show(row[0], ball(photograph), "photograph")
         show(row[1], ball(made), "reproduction")
         show(row[2], misfit(made, photograph), "difference", cmap="RdBu_r", vmin=-0.6, vmax=0.6)
@@ -310,7 +311,7 @@ def failure(name, photograph, notes, folder, truth, table, comment):
     """A photograph, the estimate and the truth in another light, and the warnings of gonio."""
     figure, axes = page(1, 4, height=2.5, width_ratios=[1, 1, 1, 1.8])
     show(axes[0, 0], ball(photograph), "photograph")
-    show(axes[0, 1], ball(render(f"{folder}/brdf.binary", SHOP, "found.exr")), "estimate, in another light")
+    show(axes[0, 1], ball(render(f"{folder}/brdf.npz", SHOP, "found.exr")), "estimate, in another light")
     show(axes[0, 2], ball(render(truth, SHOP, "true.exr")), "truth, in another light")
     said = "Warning: " + wrapped(notes["warnings"], 40) if notes["warnings"] else "No warning"
     words(axes[0, 3], f"{comment}\n{gloss(notes)}\ntrue gloss: {rounded(true_gloss(table))}\n{said}", 9)

@@ -33,7 +33,7 @@ fuzz_target!(init: gonio_fuzz::let_guards_catch(), |bytes: &[u8]| {
     let _ = export::light_of_results(&out).unwrap();
     let _ = combine::read_posteriors(std::slice::from_ref(&out));
     let holds = folder::holds_results(&out);
-    let _ = folder::for_results(&out).unwrap().fill(&[("brdf.binary".to_owned(), Vec::new())]);
-    assert!(keep.is_file() && out.join("brdf.binary").is_file());
+    let _ = folder::for_results(&out).unwrap().fill(&[("brdf.npz".to_owned(), Vec::new())]);
+    assert!(keep.is_file() && out.join("brdf.npz").is_file());
     assert!(!(holds && out.join("result.json").exists()), "earlier results stay");
 });

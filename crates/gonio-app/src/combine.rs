@@ -13,11 +13,12 @@ use gonio::reflectance::BivariateTable;
 use gonio_io::colour_space::ColourSpace;
 use gonio_io::picture::encode_png;
 use gonio_io::posterior::{self, SavedPosterior};
+use gonio_io::result_brdf::Quantiles;
 use gonio_report::combined::{Shown, compose};
 use gonio_report::uncertainty;
 use serde_json::{Value, json};
 
-use crate::results::{Files, QUANTILES};
+use crate::results::{BRDF, Files, levels};
 use crate::{Problem, ProgressLog, notes};
 
 /// Largest number of photographs in the picture.
@@ -176,9 +177,9 @@ fn account(
         "photographs": photographs,
         "posterior": notes::combined(material),
         "reflectance": {
-            "quantiles": QUANTILES,
+            "quantiles": BRDF,
             "shares": SHARES,
-            "note": "brdf.binary is the estimate from all photographs, in 1/sr with an albedo of 0.5 at normal incidence; \
+            "note": "brdf.npz contains the estimate from all photographs, in 1/sr with an albedo of 0.5 at normal incidence; \
                      agreement: log odds that this photograph shows the same material as the others",
         },
         "colour": {
@@ -199,11 +200,10 @@ impl CombinedAnswer {
     pub fn files(&self) -> Result<Files, Problem> {
         let notes = serde_json::to_string_pretty(&self.notes)
             .map_err(|error| Problem::of("cannot encode the result as JSON", error))?;
-        let quantiles = &self.material.quantiles;
+        let luminance = self.material.quantiles.clone();
         Ok(Files {
             tables: self.field.tables(&self.material.table),
-            quantiles: Some((quantiles.len(), quantiles.concat())),
-            channel_quantiles: None,
+            quantiles: Some(Quantiles { levels: levels(), luminance, channels: None }),
             posterior: Some(self.saved.encode()),
             light: None,
             pictures: self.pictures.iter().map(|(name, picture)| (*name, encode_png(picture))).collect(),

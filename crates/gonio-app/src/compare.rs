@@ -18,7 +18,7 @@ use serde_json::Value;
 
 use crate::folder::{is_plain, texts};
 use crate::regions::MOST as MOST_REGIONS;
-use crate::results::{BRDF, PICTURES, REPORT, RESULT};
+use crate::results::{BRDF, PICTURES, REPORT, RESULT, brdf_in};
 use crate::{Problem, read_brdf};
 
 /// Default name of the page.
@@ -135,10 +135,9 @@ impl Folder {
             let sphere = image(PICTURES[0]).map(|sphere| thumbnail(&sphere));
             let photograph = image(PICTURES[2]).and_then(|sheet| summary::photograph(&sheet));
             let photograph = photograph.map(|photograph| thumbnail(&photograph));
-            let brdf = path.join(BRDF);
-            let table = match brdf.is_file() {
-                true => tables.then(|| noted(read_table(&brdf), &mut faults)).flatten(),
-                false => {
+            let table = match brdf_in(&path) {
+                Some(brdf) => tables.then(|| noted(read_table(&brdf), &mut faults)).flatten(),
+                None => {
                     faults.push(format!("{}: does not contain {BRDF}", path.display()));
                     None
                 }
@@ -224,7 +223,7 @@ mod tests {
         let page = comparison.render();
         for text in [
             "relit.png: does not have the header of",
-            "old: does not contain brdf.binary",
+            "old: does not contain brdf.npz",
             "broken/result.json: is not valid JSON",
             "other/result.json: is not a result of gonio infer",
             "regions/1",

@@ -12,6 +12,7 @@ use gonio::shape::{Camera, Soundness};
 use serde_json::{Value, json};
 
 use crate::KnownLight;
+use crate::results::BRDF;
 
 /// Contents of `result.json`: the common sections and those of the method.
 pub struct ResultDocument<'a> {
@@ -92,9 +93,9 @@ pub fn estimate(estimate: &Estimate) -> Value {
     json!({
         "posterior": posterior(material, ALBEDO),
         "reflectance": {
-            "quantiles": "brdf_quantiles.npy",
-            "note": "brdf.binary is the mean of the posterior, in 1/sr with an albedo of 0.5 at normal incidence. brdf_quantiles.npy \
-                     contains the 5, 25, 75 and 95 % quantiles, [quantile][theta_h][theta_d]. A photograph under unknown light does \
+            "quantiles": BRDF,
+            "note": "brdf.npz contains the mean of the posterior and its quantiles, in 1/sr with an albedo of 0.5 at normal \
+                     incidence. A photograph under unknown light does \
                      not determine the scale of reflectance.",
         },
         "light": light_notes(light),
@@ -121,11 +122,10 @@ pub fn under_known_light(found: &LitEstimate, ask: &KnownLight) -> Value {
     json!({
         "posterior": posterior(&found.material, if ask.absolute { albedo } else { ALBEDO }),
         "reflectance": {
-            "quantiles": "brdf_quantiles.npy",
+            "quantiles": BRDF,
             "absolute": ask.absolute,
             "normal_albedo": if ask.absolute { albedo } else { ALBEDO },
-            "note": "brdf.binary is the most probable BRDF, in 1/sr. brdf_quantiles.npy contains the 5, 25, 75 and 95 % quantiles of \
-                     the posterior, [quantile][theta_h][theta_d]. If absolute is true, photograph and light map have the same scale, \
+            "note": "brdf.npz contains the most probable BRDF and the quantiles of the posterior, in 1/sr. If absolute is true, photograph and light map have the same scale, \
                      and the BRDF is absolute. Otherwise, its albedo at normal incidence is 0.5.",
         },
         "known_light": {
@@ -161,11 +161,11 @@ pub fn under_known_light(found: &LitEstimate, ask: &KnownLight) -> Value {
 pub(crate) fn make_absolute(sections: &mut Value, material: &Material, albedo: f64) {
     sections["posterior"] = posterior(material, albedo);
     sections["reflectance"] = json!({
-        "quantiles": "brdf_quantiles.npy",
+        "quantiles": BRDF,
         "absolute": true,
         "normal_albedo": albedo,
-        "note": "brdf.binary is the mean of the posterior, in 1/sr. brdf_quantiles.npy contains the 5, 25, 75 and 95 % quantiles, \
-                 [quantile][theta_h][theta_d]. The reference in the image determines the scale of brdf.binary and light.exr.",
+        "note": "brdf.npz contains the mean of the posterior and its quantiles, in 1/sr. The reference in the image determines the scale of \
+                 brdf.npz and light.exr.",
     });
 }
 

@@ -204,7 +204,7 @@ impl MeasuredReference {
         notes["note"] = json!(
             "light: radiance of a matte surface with a reflectance of one at the position of the reference, on the scale of \
              the photograph; log_chroma: its ln R/G and ln B/G, which gonio uses as the colour of the light; scale: factor \
-             from a BRDF with an albedo of 0.5 at normal incidence to brdf.binary, which assumes that the reference faces \
+             from a BRDF with an albedo of 0.5 at normal incidence to brdf.npz, which assumes that the reference faces \
              the camera under the light of the object, with the albedo at normal incidence, its 90 % interval, and the \
              standard deviation of the factor's logarithm; the quantiles of the BRDF do not include this uncertainty; \
              null: the scale is not determined"

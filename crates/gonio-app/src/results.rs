@@ -1,13 +1,16 @@
 //! Contents of the folder of results.
 
+use std::path::{Path, PathBuf};
+
 use glam::Vec3;
+use gonio::estimate::SHARES;
 use gonio::lighting::LightGrid;
 use gonio::picture::Plane;
-use gonio::reflectance::{BivariateTable, MerlTable, THETA_D, THETA_H};
+use gonio::reflectance::BivariateTable;
 use gonio_io::colour_space::ColourSpace;
 use gonio_io::picture::{encode_exr_in, encode_png};
 use gonio_io::posterior::SavedPosterior;
-use gonio_io::{merl, npy};
+use gonio_io::result_brdf::{self, Quantiles, ResultBrdf};
 use gonio_report::panels::used::with_legend;
 use gonio_report::{summary, uncertainty};
 use rayon::prelude::*;
@@ -15,12 +18,12 @@ use rayon::prelude::*;
 use crate::spaces::from_rec709;
 use crate::{InferenceResult, Problem};
 
-/// The BRDF, in the format of the MERL database.
-pub const BRDF: &str = "brdf.binary";
-/// Quantiles of the BRDF's luminance, `[quantile][theta_h][theta_d]`.
-pub const QUANTILES: &str = "brdf_quantiles.npy";
-/// Quantiles of the BRDF's channels, `[channel][quantile][theta_h][theta_d]`.
-pub const CHANNEL_QUANTILES: &str = "brdf_rgb_quantiles.npy";
+/// The BRDF with its quantiles ([`gonio_io::result_brdf`]).
+pub const BRDF: &str = "brdf.npz";
+/// The BRDF in the format of the MERL database, in results of earlier versions.
+pub const EARLIER_BRDF: &str = "brdf.binary";
+/// Quantiles in results of earlier versions.
+const EARLIER_QUANTILES: [&str; 2] = ["brdf_quantiles.npy", "brdf_rgb_quantiles.npy"];
 /// The light, as a lat-long map.
 pub const LIGHT: &str = "light.exr";
 /// JSON file of all numbers.
@@ -36,18 +39,22 @@ pub const LIGHT_ROWS: usize = 128;
 
 /// Lists the names of all files in a folder of results, without the folders of regions and exports.
 pub(crate) fn names() -> impl Iterator<Item = String> {
-    let plain = [BRDF, QUANTILES, CHANNEL_QUANTILES, LIGHT, RESULT, REPORT, MATERIALS, gonio_io::posterior::FILE];
-    plain.into_iter().map(str::to_owned).chain(PICTURES.iter().map(|name| format!("{name}.png")))
+    let plain = [BRDF, LIGHT, RESULT, REPORT, MATERIALS, gonio_io::posterior::FILE];
+    let earlier = EARLIER_QUANTILES.into_iter().chain([EARLIER_BRDF]);
+    plain.into_iter().chain(earlier).map(str::to_owned).chain(PICTURES.iter().map(|name| format!("{name}.png")))
+}
+
+/// Returns the file of the BRDF in a folder of results, if there is one.
+pub fn brdf_in(dir: &Path) -> Option<PathBuf> {
+    [BRDF, EARLIER_BRDF].into_iter().map(|name| dir.join(name)).find(|file| file.is_file())
 }
 
 /// Contents of a folder of results. Parts that a method does not estimate are `None`.
 pub struct Files {
     /// The BRDF in colour, 1/sr, in linear Rec. 709.
     pub tables: [BivariateTable; 3],
-    /// Number of quantiles, and quantiles of the luminance.
-    pub quantiles: Option<(usize, Vec<f32>)>,
-    /// Number of quantiles, and quantiles of red, green and blue (linear Rec. 709).
-    pub channel_quantiles: Option<(usize, Vec<f32>)>,
+    /// Quantiles of the BRDF, in linear Rec. 709.
+    pub quantiles: Option<Quantiles>,
     /// `posterior.json`, to combine with other photographs.
     pub posterior: Option<Vec<u8>>,
     /// The light, lat-long, in linear Rec. 709.
@@ -62,20 +69,17 @@ pub struct Files {
     pub space: ColourSpace,
 }
 
+/// Returns the levels of the quantiles of a material.
+pub fn levels() -> Vec<f32> {
+    SHARES.map(|share| share as f32).to_vec()
+}
+
 impl Files {
     /// Returns names and contents of the files.
     pub fn encode(self) -> Vec<(String, Vec<u8>)> {
-        let Self { tables, quantiles, channel_quantiles, posterior, light, pictures, notes, page, space } = self;
+        let Self { tables, quantiles, posterior, light, pictures, notes, page, space } = self;
         let (tables, _) = from_rec709(&tables, space);
-        let mut files = vec![(BRDF.to_owned(), merl::encode(&MerlTable::from_bivariate(tables.each_ref())))];
-        files.extend(quantiles.map(|(count, values)| {
-            let array = npy::Array { shape: vec![count, THETA_H, THETA_D], values };
-            (QUANTILES.to_owned(), npy::encode(&array))
-        }));
-        files.extend(channel_quantiles.map(|(count, values)| {
-            let array = npy::Array { shape: vec![3, count, THETA_H, THETA_D], values };
-            (CHANNEL_QUANTILES.to_owned(), npy::encode(&array))
-        }));
+        let mut files = vec![(BRDF.to_owned(), result_brdf::encode(&ResultBrdf { tables, quantiles }))];
         files.extend(posterior.map(|posterior| (gonio_io::posterior::FILE.to_owned(), posterior)));
         files.extend(light.map(|light| (LIGHT.to_owned(), encode_exr_in(&light, None, space))));
         files.extend(pictures.into_iter().map(|(name, png)| (format!("{name}.png"), png)));
@@ -114,14 +118,19 @@ impl InferenceResult {
     pub fn files(&self) -> Result<Files, Problem> {
         let notes = serde_json::to_string_pretty(&self.notes)
             .map_err(|error| Problem::of("cannot encode the result as JSON", error))?;
-        let scaled = |values: Vec<f32>| values.into_iter().map(|v| v * self.scale as f32).collect::<Vec<f32>>();
-        let coloured = self.material.as_ref().filter(|_| !self.colouring.field().is_grey());
-        let channels = coloured.map(|m| (m.quantiles.len(), scaled(self.colouring.quantiles(m).concat().concat())));
+        let scaled = |quantiles: Vec<Vec<f32>>| {
+            let scale = |values: Vec<f32>| values.into_iter().map(|v| v * self.scale as f32).collect();
+            quantiles.into_iter().map(scale).collect()
+        };
+        let quantiles = self.material.as_ref().map(|material| Quantiles {
+            levels: levels(),
+            luminance: scaled(material.quantiles.clone()),
+            channels: Some(self.colouring.quantiles(material).map(scaled)),
+        });
         let estimated = self.light.as_ref().map(|light| self.lat_long(light));
         Ok(Files {
             tables: self.colouring.field().tables(&self.table.scaled(self.scale)),
-            channel_quantiles: channels,
-            quantiles: self.material.as_ref().map(|m| (m.quantiles.len(), scaled(m.quantiles.concat()))),
+            quantiles,
             posterior: self.saved.as_ref().map(SavedPosterior::encode),
             light: estimated.or_else(|| self.known_light.as_ref().map(|known| known.radiance().clone())),
             pictures: self.pictures().par_iter().map(|(name, picture)| (*name, encode_png(picture))).collect(),

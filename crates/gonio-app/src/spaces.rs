@@ -14,7 +14,7 @@ use serde_json::{Value, json};
 
 use crate::Warning;
 use crate::export::SUMMARY;
-use crate::results::RESULT;
+use crate::results::{BRDF, EARLIER_BRDF, RESULT};
 
 /// Share of a photograph's pixels outside the gamut of Rec. 709 above which a warning reports them.
 const OUTSIDE_GAMUT: f64 = 0.01;
@@ -40,7 +40,7 @@ impl Spaces {
             "output": self.output.name(),
             "note": "input: colour space of the photograph; source: origin of this information; clamped_pixels: number of \
                      pixels outside the gamut of Rec. 709, whose negative channels were set to zero; output: linear colour space \
-                     of brdf.binary and light.exr; every colour in this file is linear Rec. 709",
+                     of the BRDF in brdf.npz and of light.exr; the quantiles in brdf.npz and every colour in this file are linear Rec. 709",
         })
     }
 
@@ -149,7 +149,7 @@ fn space_of_brdf(path: &Path) -> ColourSpace {
     let named = |name: &Value| name.as_str().and_then(ColourSpace::named);
     let file = path.file_name().unwrap_or_default().to_string_lossy();
     let of_result = || {
-        let result = (file == crate::results::BRDF).then(|| beside(RESULT)).flatten()?;
+        let result = [BRDF, EARLIER_BRDF].contains(&&*file).then(|| beside(RESULT)).flatten()?;
         named(&result["colorspace"]["output"])
     };
     let of_export = || {
@@ -199,6 +199,7 @@ mod tests {
         let space = |name: &str| space_of_brdf(&dir.path().join(name));
         assert_eq!(space("brdf.binary"), ColourSpace::Rec709);
         write(RESULT, json!({ "format": "gonio-result", "colorspace": { "output": "acescg" } }));
+        assert_eq!(space("brdf.npz"), ColourSpace::AcesCg);
         assert_eq!((space("brdf.binary"), space("other.binary")), (ColourSpace::AcesCg, ColourSpace::Rec709));
         write(SUMMARY, json!({ "exports": { "bsdf": { "files": ["brdf_rgb.bsdf"], "colorspace": "rec2020" } } }));
         assert_eq!(space("brdf_rgb.bsdf"), ColourSpace::Rec2020);

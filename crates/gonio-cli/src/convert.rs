@@ -15,7 +15,7 @@ use crate::outcome::Outcome;
 /// Options of `gonio convert`.
 #[derive(clap::Args)]
 pub(crate) struct Options {
-    /// BRDF to read: a MERL table (.binary) or an RGB file of the RGL database (.bsdf)
+    /// BRDF to read: brdf.npz of a result, a MERL table (.binary), or an RGB file of RGL (.bsdf)
     input: PathBuf,
     /// File to write: X.binary, X_spec.bsdf or X.bsdf
     ///

@@ -9,6 +9,7 @@ use clap::builder::PossibleValue;
 use gonio_app::Spaces;
 use gonio_app::export::{Export, Target, light_of_results};
 use gonio_app::folder::{EXPORT, for_exports};
+use gonio_app::results::{BRDF, brdf_in};
 use serde_json::{Value, json};
 
 use crate::input;
@@ -20,7 +21,7 @@ use crate::suggestion::{plain, words};
 /// Options of `gonio export`.
 #[derive(clap::Args)]
 pub(crate) struct Options {
-    /// Result folder of gonio infer, or a BRDF file (.binary, .bsdf)
+    /// Result folder of gonio infer, or a BRDF file (.npz, .binary, .bsdf)
     input: PathBuf,
     /// Renderers and models to export to, separated by commas [default: all]
     #[arg(long, value_enum, value_delimiter = ',')]
@@ -69,18 +70,18 @@ fn parse_albedo(text: &str) -> Result<f64, String> {
 pub(crate) fn run(options: &Options) -> Result<Outcome> {
     if !options.input.exists() {
         bail!(
-            "{}: file or folder not found; specify a result folder of gonio infer or a BRDF file (.binary, .bsdf)",
+            "{}: file or folder not found; specify a result folder of gonio infer or a BRDF file (.npz, .binary, .bsdf)",
             options.input.display()
         );
     }
     let is_folder = options.input.is_dir();
-    let file = if is_folder { options.input.join("brdf.binary") } else { options.input.clone() };
-    if is_folder && !file.is_file() {
+    let file = if is_folder { brdf_in(&options.input) } else { Some(options.input.clone()) };
+    let Some(file) = file else {
         bail!(
-            "{}: does not contain brdf.binary; specify a result folder of gonio infer or a BRDF file",
+            "{}: does not contain {BRDF}; specify a result folder of gonio infer or a BRDF file",
             options.input.display()
         );
-    }
+    };
     let output = match &options.output {
         Some(output) => output.clone(),
         None if is_folder => options.input.join(EXPORT),

@@ -10,7 +10,7 @@ use gonio::lighting::EnvironmentMap;
 use gonio::model::Model;
 use gonio::reflectance::MerlTable;
 use gonio_app::PhotographSource;
-use gonio_app::results::BRDF;
+use gonio_app::results::{BRDF, brdf_in};
 use gonio_io::colour_space::ColourSpace;
 use gonio_io::picture::ReadOptions;
 
@@ -60,11 +60,10 @@ pub(crate) fn shots(files: &[PathBuf]) -> Result<PhotographSource> {
 /// Reads a BRDF.
 pub(crate) fn brdf(path: &Path) -> Result<MerlTable> {
     if path.is_dir() {
-        let inside = path.join(BRDF);
-        if inside.is_file() {
+        if let Some(inside) = brdf_in(path) {
             bail!("{}: is a folder of results, not a BRDF file; specify {}", path.display(), inside.display());
         }
-        bail!("{}: is a folder without {BRDF}; specify a BRDF file (.binary, .bsdf)", path.display());
+        bail!("{}: is a folder without {BRDF}; specify a BRDF file (.npz, .binary, .bsdf)", path.display());
     }
     Ok(gonio_app::read_brdf(path)?)
 }

@@ -22,7 +22,7 @@ use crate::surface::SurfaceOptions;
 #[derive(clap::Args)]
 pub(crate) struct Options {
     /// BRDF: a MERL table or an RGB file of the RGL database
-    #[arg(long, value_name = "FILE.binary|FILE.bsdf")]
+    #[arg(long, value_name = "FILE.npz|FILE.binary|FILE.bsdf")]
     brdf: PathBuf,
     /// Lat-long light map in camera coordinates: HDR, EXR or PFM
     ///

@@ -6,23 +6,25 @@ use std::path::{Path, PathBuf};
 use gonio::reflectance::MerlTable;
 
 use crate::folder::{self, has_extension};
-use crate::rgl::{self, MAGIC};
-use crate::{Error, guard, merl};
+use crate::{Error, guard, merl, result_brdf, rgl};
 
-/// Reads a material from a file of the MERL (`.binary`) or RGL database (`_rgb.bsdf`).
+/// Reads a material from a file of the MERL (`.binary`) or RGL database (`_rgb.bsdf`), or from a
+/// result of gonio (`brdf.npz`).
 ///
-/// The first bytes or the extension `.bsdf` determine the format. RGL measurements are resampled to
-/// the angles of MERL ([`rgl::Rgl::to_merl`]).
+/// The first bytes or the extension determine the format. RGL measurements are resampled to the
+/// angles of MERL ([`rgl::Rgl::to_merl`]).
 ///
 /// # Errors
-/// See [`merl::read`] and [`rgl::read`].
+/// See [`merl::read`], [`rgl::read`] and [`result_brdf::read`].
 pub fn read(path: impl AsRef<Path>) -> Result<MerlTable, Error> {
     let path = path.as_ref();
     let (mut file, length) = guard::open(path)?;
     let mut begin = Vec::new();
-    file.by_ref().take(MAGIC.len() as u64).read_to_end(&mut begin).map_err(|e| Error::io(path, "read", e))?;
-    if begin == MAGIC || has_extension(path, &["bsdf"]) {
+    file.by_ref().take(rgl::MAGIC.len() as u64).read_to_end(&mut begin).map_err(|e| Error::io(path, "read", e))?;
+    if begin == rgl::MAGIC || has_extension(path, &["bsdf"]) {
         Ok(rgl::read(path)?.to_merl())
+    } else if begin.starts_with(result_brdf::MAGIC) || has_extension(path, &["npz"]) {
+        Ok(MerlTable::from_bivariate(result_brdf::read(path)?.each_ref()))
     } else {
         merl::decode(path, BufReader::with_capacity(1 << 18, Cursor::new(begin).chain(file)), length)
     }

@@ -13,7 +13,7 @@
 //! * [`lights`]: lists of directional lights;
 //! * [`posterior`]: posteriors of single photographs, to be combined;
 //! * [`notes`]: JSON files of result folders; [`table`]: comma-separated tables;
-//! * [`npy`]: arrays of numpy;
+//! * [`npy`]: arrays of numpy; [`result_brdf`]: BRDFs of results, as archives of such arrays;
 //! * [`folder`]: listing of folders; [`atomic`]: output that appears complete or not at all;
 //! * [`cache`], [`plan`]: computed plans kept between runs.
 //!
@@ -47,6 +47,7 @@ pub mod npy;
 pub mod picture;
 pub mod plan;
 pub mod posterior;
+pub mod result_brdf;
 pub mod rgl;
 pub mod table;
 

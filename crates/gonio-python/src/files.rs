@@ -4,15 +4,17 @@ use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 use gonio::picture::Picture;
-use gonio::reflectance::{BivariateTable, MerlTable, PHI_D, THETA_D, THETA_H};
+use gonio::reflectance::{BivariateTable, CELLS, MerlTable, PHI_D, THETA_D, THETA_H};
 use gonio_app::Problem;
 use gonio_app::folder::for_results;
 use gonio_app::photograph::read_picture;
-use gonio_app::results::{Files, PICTURES};
+use gonio_app::results::{Files, PICTURES, levels};
 use gonio_io::atomic::write_file as write_whole;
 use gonio_io::colour_space::ColourSpace;
 use gonio_io::picture::{ExrOptions, ReadOptions, encode_exr_with, encode_hdr, encode_pfm, encode_png_srgb8};
+use gonio_io::result_brdf::Quantiles;
 use gonio_io::rgl::{self, Channels};
+use numpy::ndarray::Axis;
 use numpy::{PyArray2, PyArray3, PyArray4, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
@@ -210,13 +212,14 @@ pub(crate) fn save(py: Python<'_>, folder: PathBuf, result: SavedResult<'_>) -> 
     let held = PICTURES.into_iter().filter_map(|name| pictures.get(name).map(|samples| (name, samples)));
     let files = Files {
         tables: arrays::tables(&table)?,
-        quantiles: quantiles
-            .map(|quantiles| (quantiles.shape()[0], quantiles.readonly().as_array().iter().copied().collect())),
-        channel_quantiles: rgb_quantiles.map(|quantiles| {
-            let count = quantiles.shape()[0];
-            let channels = quantiles.readonly();
-            let channels = channels.as_array().permuted_axes([3, 0, 1, 2]);
-            (count, channels.iter().copied().collect())
+        quantiles: quantiles.map(|quantiles| Quantiles {
+            levels: levels(),
+            luminance: rows(quantiles.readonly().as_array().iter().copied()),
+            channels: rgb_quantiles.map(|quantiles| {
+                let values = quantiles.readonly();
+                let values = values.as_array();
+                [0, 1, 2].map(|c| rows(values.index_axis(Axis(3), c).iter().copied()))
+            }),
         }),
         posterior: likelihood.map(|likelihood| likelihood.get().0.encode()),
         light: light.map(|light| arrays::colours(&light)).transpose()?,
@@ -227,6 +230,11 @@ pub(crate) fn save(py: Python<'_>, folder: PathBuf, result: SavedResult<'_>) -> 
     };
     let write = || for_results(&folder)?.fill(&files.encode());
     py.detach(write).map_err(|e| raise(&e.into(), py))
+}
+
+/// Divides the values of quantiles into one vector for each.
+fn rows(values: impl Iterator<Item = f32>) -> Vec<Vec<f32>> {
+    values.collect::<Vec<f32>>().chunks(CELLS).map(<[f32]>::to_vec).collect()
 }
 
 /// Returns the output colour space stated in the notes of a result.

@@ -194,7 +194,7 @@ def test_colour_spaces_of_arrays_and_files_are_converted(small, want, tmp_path):
 
     # Files saved in another space are read as Rec. 709.
     found.save(tmp_path / "out")
-    assert np.allclose(gonio.read_brdf(tmp_path / "out" / "brdf.binary").table, found.brdf.table, rtol=1e-4, atol=1e-6)
+    assert np.allclose(gonio.read_brdf(tmp_path / "out" / "brdf.npz").table, found.brdf.table, rtol=1e-4, atol=1e-6)
     found.brdf.export(tmp_path / "export", ["merl"], output_colorspace="rec2020")
     assert np.allclose(gonio.read_brdf(tmp_path / "export" / "brdf.binary").table, found.brdf.table, rtol=1e-4, atol=1e-6)
     for name in ("cmyk", ""):

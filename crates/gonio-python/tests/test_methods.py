@@ -37,7 +37,7 @@ def test_methods_of_the_paper_estimate_coefficients(small, method, tmp_path):
     assert (found.coefficients_sd is None) == (method == "map") and 0 < found.noise < 1
     assert found.light.shape == (128, 256, 3) and "summary" in found.pictures and "<img" in found._repr_html_()
     found.save(tmp_path / "out")
-    assert {path.name for path in (tmp_path / "out").iterdir()} >= {"brdf.binary", "light.exr", "result.json", "summary.png"}
+    assert {path.name for path in (tmp_path / "out").iterdir()} >= {"brdf.npz", "light.exr", "result.json", "summary.png"}
     assert not (tmp_path / "out" / "posterior.json").exists()
     again = pickle.loads(pickle.dumps(found))
     assert np.array_equal(again.brdf.table, found.brdf.table) and again.relight(size=8).shape == (8, 8, 4)

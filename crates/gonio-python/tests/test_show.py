@@ -68,9 +68,7 @@ def test_result_folders_contain_all_files(found, tmp_path):
     found.save(tmp_path / "a" / "ball")
     names = {path.name for path in (tmp_path / "a" / "ball").iterdir()}
     assert names == {
-        "brdf.binary",
-        "brdf_quantiles.npy",
-        "brdf_rgb_quantiles.npy",
+        "brdf.npz",
         "light.exr",
         "posterior.json",
         "relit.png",
@@ -78,10 +76,14 @@ def test_result_folders_contain_all_files(found, tmp_path):
         "summary.png",
         "uncertainty.png",
     }
-    assert np.allclose(gonio.read_merl(tmp_path / "a" / "ball" / "brdf.binary").table, found.brdf.table, rtol=1e-5)
-    assert np.array_equal(np.load(tmp_path / "a" / "ball" / "brdf_quantiles.npy"), found.quantiles)
-    channels = np.load(tmp_path / "a" / "ball" / "brdf_rgb_quantiles.npy")
-    assert np.array_equal(np.moveaxis(channels, 0, -1), found.rgb_quantiles)
+    assert np.allclose(gonio.read_brdf(tmp_path / "a" / "ball" / "brdf.npz").table, found.brdf.table, rtol=1e-5)
+    arrays = np.load(tmp_path / "a" / "ball" / "brdf.npz")
+    assert arrays["half_angle"].shape == arrays["difference_angle"].shape == (90,)
+    assert np.allclose(np.degrees(arrays["difference_angle"]), np.arange(90), atol=1e-4)
+    assert np.array_equal(arrays["brdf"], found.brdf.table)
+    assert np.allclose(arrays["levels"], [0.05, 0.25, 0.75, 0.95])
+    assert np.array_equal(arrays["luminance_quantiles"], found.quantiles)
+    assert np.array_equal(arrays["quantiles"], found.rgb_quantiles)
     assert np.array_equal(gonio.read_image(tmp_path / "a" / "ball" / "light.exr"), found.light)
     assert json.loads((tmp_path / "a" / "ball" / "result.json").read_text()) == found.notes
     found.save(tmp_path / "a" / "ball")

@@ -49,8 +49,8 @@ pub struct TrainingSettings {
     pub widths: Vec<usize>,
     /// Hidden layers of the encoder, as in [`EncoderShape::hidden`].
     pub hidden: Vec<usize>,
-    /// Number of materials that represent the prior in the posterior. A quarter of the default would
-    /// suffice for most photographs, but would leave very few materials to the most certain
+    /// Number of materials that represent the prior in the posterior. A quarter of the default
+    /// would suffice for most photographs, but would leave very few materials to the most certain
     /// posteriors (`docs/trials.md`).
     pub candidates: usize,
     /// Seed of the initial weights and of dropout.

@@ -13,7 +13,7 @@ use gonio::scene::{Circle, Detection, Object, ObservationSettings, SceneError};
 use gonio::suggestion::Suggestion;
 use gonio_app::notes::{self, ResultDocument};
 use gonio_app::photograph::decode_picture;
-use gonio_app::results::{BRDF, LIGHT, LIGHT_ROWS, RESULT};
+use gonio_app::results::{EARLIER_BRDF, LIGHT, LIGHT_ROWS, RESULT};
 use gonio_app::{AS_CAPTURED, Method};
 use gonio_io::picture::ReadOptions;
 use gonio_io::rgl::{self, Channels};
@@ -47,7 +47,7 @@ impl Product {
     /// Returns the product with this file name.
     pub fn named(name: &str) -> Option<Self> {
         match name {
-            BRDF => Some(Self::Merl),
+            EARLIER_BRDF => Some(Self::Merl),
             "brdf_rgb.bsdf" => Some(Self::Mitsuba),
             LIGHT => Some(Self::Light),
             RESULT => Some(Self::Result),

@@ -89,7 +89,7 @@ fn default_folder_is_beside_the_photograph() {
 fn reads_a_photograph_from_standard_input() {
     let bench = Bench::with_ball();
     bench.run_reading("infer - -o piped --grid 8", "ball.exr").succeeds();
-    assert!(bench.read("piped/brdf.binary") == ANSWER.0["brdf.binary"], "the same bytes give another BRDF");
+    assert!(bench.read("piped/brdf.npz") == ANSWER.0["brdf.npz"], "the same bytes give another BRDF");
     assert_eq!(bench.json("piped/result.json")["image"], "standard input");
     bench.write("text", b"no picture");
     bench.write("empty", b"");
@@ -135,7 +135,7 @@ fn errors_contain_a_hint() {
             "render --brdf out --light light.hdr -o x.png",
             "out: is a folder of results, not a BRDF file; specify out/brdf.binary",
         ),
-        ("render --brdf empty --light light.hdr -o x.png", "empty: is a folder without brdf.binary"),
+        ("render --brdf empty --light light.hdr -o x.png", "empty: is a folder without brdf.npz"),
         ("export none", "none: file or folder not found; specify a result folder of gonio infer"),
     ] {
         bench.refuses(line, &[message]);

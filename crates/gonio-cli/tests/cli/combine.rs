@@ -27,7 +27,7 @@ fn seen() -> Bench {
 fn combines_one_material_and_rejects_others() {
     let bench = seen();
     bench.run("combine one two -o both").succeeds();
-    let files = ["brdf.binary", "brdf_quantiles.npy", "combined.png", "posterior.json", "relit.png", "result.json"];
+    let files = ["brdf.npz", "combined.png", "posterior.json", "relit.png", "result.json"];
     assert!(files.iter().all(|file| bench.names("both").contains(&(*file).to_owned())), "{:?}", bench.names("both"));
     let photographs = &bench.json("both/result.json")["photographs"];
     for at in 0..2 {

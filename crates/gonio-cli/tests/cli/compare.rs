@@ -2,6 +2,7 @@
 
 use std::fs::{self, File};
 
+use gonio_io::result_brdf::{self, ResultBrdf};
 use serde_json::{Value, json};
 
 use crate::support::{ANSWER, Bench};
@@ -66,8 +67,9 @@ fn json_contains_the_agreement_of_pairs() {
     let bench = Bench::new();
     result(&bench, "one", |_| ());
     result(&bench, "two", polished);
-    gonio_io::merl::write(bench.path("two/brdf.binary"), &crate::support::merl(&crate::support::material(0.01, 0.05)))
-        .unwrap();
+    let table = crate::support::material(0.01, 0.05);
+    let brdf = ResultBrdf { tables: [table.clone(), table.clone(), table], quantiles: None };
+    bench.write("two/brdf.npz", &result_brdf::encode(&brdf));
     let run = bench.run("compare one two -o page.html --json").succeeds();
     let printed: Value = serde_json::from_str(&run.stdout).unwrap();
     assert_eq!((&printed["output"], &printed["results"]), (&json!("page.html"), &json!(2)));
@@ -110,7 +112,7 @@ fn accepts_older_results_and_missing_files() {
         notes["posterior"]["gloss"].as_object_mut().unwrap().retain(|key, _| ["5", "50", "95"].contains(&key.as_str()));
     });
     result(&bench, "damaged", |notes| *notes = json!({ "format": "gonio-result" }));
-    for file in ["brdf.binary", "relit.png", "summary.png"] {
+    for file in ["brdf.npz", "relit.png", "summary.png"] {
         fs::remove_file(bench.path("old").join(file)).unwrap();
         bench.write(&format!("damaged/{file}"), b"cut short");
     }
@@ -120,7 +122,7 @@ fn accepts_older_results_and_missing_files() {
     let page = page(&bench, "compare.html");
     assert_eq!(attributes(&page, "src").len(), 2);
     assert!(
-        page.contains("old: does not contain brdf.binary") && page.contains("damaged/brdf.binary: "),
+        page.contains("old: does not contain brdf.npz") && page.contains("damaged/brdf.npz: "),
         "the page reports the faults"
     );
     assert!(page.contains("damaged/relit.png: "));

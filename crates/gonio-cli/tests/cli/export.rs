@@ -86,7 +86,7 @@ fn rejects_invalid_input() {
     for (arguments, message) in [
         ("export in.binary", "specify one with -o DIR"),
         ("export none.binary -o x", "none.binary"),
-        ("export empty -o x", "empty: does not contain brdf.binary"),
+        ("export empty -o x", "empty: does not contain brdf.npz"),
         ("export black.binary -o x", "black.binary: cannot be exported, because the BRDF is zero"),
         ("export in.binary -o x --to pdf", "--to"),
         ("export in.binary -o x --albedo 2", "--albedo"),

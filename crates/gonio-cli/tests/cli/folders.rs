@@ -11,17 +11,20 @@ use crate::support::{Bench, SIZE, ball, exr, grey};
 fn new_results_replace_earlier_results() {
     let bench = Bench::with_ball();
     bench.write_answer("out");
-    bench.write("out/report.html", b"old");
+    // Earlier versions wrote a MERL table and separate quantiles.
+    for name in ["report.html", "brdf.binary", "brdf_quantiles.npy"] {
+        bench.write(&format!("out/{name}"), b"old");
+    }
     bench.run("export out --to ward,gltf").succeeds();
     bench.write("out/notes.txt", b"mine");
     bench.write("out/export/scene.blend", b"mine");
     let before = bench.names("out");
-    for name in ["report.html", "brdf_quantiles.npy", "posterior.json", "uncertainty.png"] {
+    for name in ["report.html", "brdf.npz", "posterior.json", "uncertainty.png"] {
         assert!(before.iter().any(|n| n == name), "{name} in {before:?}");
     }
     // The paper's method estimates neither quantiles nor a posterior of materials.
     bench.run("infer ball.exr -o out --grid 8 --method variational --starts 1").succeeds();
-    let after = ["brdf.binary", "export", "light.exr", "notes.txt", "relit.png", "result.json", "summary.png"];
+    let after = ["brdf.npz", "export", "light.exr", "notes.txt", "relit.png", "result.json", "summary.png"];
     assert_eq!(bench.names("out"), after);
     assert_eq!(bench.names("out/export"), ["scene.blend"]);
     assert_eq!(bench.json("out/result.json")["method"], "variational");
@@ -44,7 +47,7 @@ fn new_results_replace_folders_of_regions() {
     bench.write("out/2/notes.txt", b"mine");
     bench.run("infer ball.exr -o out --grid 8").succeeds();
     let names = bench.names("out");
-    assert!(names.iter().any(|n| n == "brdf.binary"), "{names:?}");
+    assert!(names.iter().any(|n| n == "brdf.npz"), "{names:?}");
     assert!(!names.iter().any(|n| n == "1" || n == "materials.png"), "{names:?}");
     assert_eq!(bench.names("out/2"), ["notes.txt"]);
 }

@@ -67,8 +67,8 @@ fn limits_the_size_of_result_files() {
     assert!(String::from_utf8(bench.read("out/batch.csv")).unwrap().contains("ball,missing"));
     vast("out/ball/posterior.json");
     bench.run("combine out/ball out/ball -o both").fails(&["posterior.json: is larger than"]);
-    vast("out/ball/brdf.binary");
-    bench.run("export out/ball").fails(&["brdf.binary"]);
+    vast("out/ball/brdf.npz");
+    bench.run("export out/ball").fails(&["brdf.npz: is larger than"]);
     bench.write("out/ball/posterior.json", "[".repeat(1 << 20).as_bytes());
     bench.run("combine out/ball out/ball -o both").fails(&["posterior.json: is not a posterior"]);
 }

@@ -1,25 +1,18 @@
 //! Tests of `gonio infer` with its default method.
 
+use std::io::Read;
+
 use glam::Vec3;
 use gonio::model::Model;
 use gonio::picture::Plane;
 use gonio::reflectance::BivariateTable;
-use gonio_io::npy;
 use gonio_io::picture::{ReadOptions, decode};
+use gonio_io::{npy, result_brdf};
 
 use crate::support::{ANSWER, Bench, SIZE, encode_normals, normals};
 
-const OUTPUT: [&str; 9] = [
-    "brdf.binary",
-    "brdf_quantiles.npy",
-    "brdf_rgb_quantiles.npy",
-    "light.exr",
-    "posterior.json",
-    "relit.png",
-    "result.json",
-    "summary.png",
-    "uncertainty.png",
-];
+const OUTPUT: [&str; 7] =
+    ["brdf.npz", "light.exr", "posterior.json", "relit.png", "result.json", "summary.png", "uncertainty.png"];
 
 #[test]
 fn writes_all_files_and_readable_pictures() {
@@ -61,15 +54,24 @@ fn seconds_of_the_stages_sum_to_the_total() {
 
 #[test]
 fn albedo_is_one_half_and_quantiles_are_ordered() {
-    let brdf = &ANSWER.0["brdf.binary"];
-    let brdf = gonio_io::merl::decode("brdf.binary".as_ref(), &brdf[..], brdf.len() as u64).unwrap();
-    let luminance = BivariateTable::luminance(&[0, 1, 2].map(|c| brdf.bivariate(c)));
-    assert!((luminance.normal_albedo() - 0.5).abs() < 0.01);
-    let quantiles = npy::decode("brdf_quantiles.npy".as_ref(), &ANSWER.0["brdf_quantiles.npy"]).unwrap();
-    assert_eq!(quantiles.shape, [4, 90, 90]);
-    let tables: Vec<&[f32]> = quantiles.values.chunks_exact(90 * 90).collect();
-    for pair in tables.windows(2) {
-        assert!(pair[0].iter().zip(pair[1]).all(|(a, b)| 0.0 < *a && a <= b));
+    let brdf = &ANSWER.0["brdf.npz"];
+    assert!(brdf.len() < 2 << 20);
+    let tables = result_brdf::decode("brdf.npz".as_ref(), brdf).unwrap();
+    assert!((BivariateTable::luminance(&tables).normal_albedo() - 0.5).abs() < 0.01);
+    let mut archive = zip::ZipArchive::new(std::io::Cursor::new(brdf)).unwrap();
+    let mut array = |name: &str| {
+        let mut bytes = Vec::new();
+        archive.by_name(name).unwrap().read_to_end(&mut bytes).unwrap();
+        npy::decode(name.as_ref(), &bytes).unwrap()
+    };
+    assert_eq!(array("levels.npy").values, [0.05, 0.25, 0.75, 0.95]);
+    for (name, axes) in [("luminance_quantiles.npy", &[4, 90, 90][..]), ("quantiles.npy", &[4, 90, 90, 3])] {
+        let quantiles = array(name);
+        assert_eq!(quantiles.shape, axes);
+        let levels: Vec<&[f32]> = quantiles.values.chunks_exact(quantiles.values.len() / 4).collect();
+        for pair in levels.windows(2) {
+            assert!(pair[0].iter().zip(pair[1]).all(|(a, b)| 0.0 < *a && a <= b));
+        }
     }
 }
 

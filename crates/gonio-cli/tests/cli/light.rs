@@ -141,7 +141,7 @@ fn infers_a_brdf_with_the_light() {
     let found = |light: &str, out: &str| {
         let line = format!("infer matte.exr --light {light} --align-light fixed -o {out}");
         bench.run(&line).succeeds();
-        let brdf = gonio_io::merl::read(bench.path(&format!("{out}/brdf.binary"))).unwrap();
+        let brdf = gonio_io::brdf::read(bench.path(&format!("{out}/brdf.npz"))).unwrap();
         BivariateTable::luminance(&[0, 1, 2].map(|c| brdf.bivariate(c)))
     };
     let (exact, unwrapped) = (found("light.hdr", "exact"), found("probe.exr", "out"));

@@ -189,7 +189,7 @@ fn infer_ignores_and_counts_clipped_pixels() {
     assert_eq!(report, &two["observations"]["report"]);
     assert!(report["clipped_pixels"].as_u64().unwrap() > 10, "{report}");
     assert_eq!(two["bracket"]["report"]["pixels"], SIDE * SIDE);
-    assert_eq!(bench.read("one/brdf.binary"), bench.read("two/brdf.binary"));
+    assert_eq!(bench.read("one/brdf.npz"), bench.read("two/brdf.npz"));
 }
 
 #[test]

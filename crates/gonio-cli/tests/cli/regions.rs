@@ -28,7 +28,7 @@ fn separates_balls_that_do_not_touch() {
     let result = bench.json("out/result.json");
     assert_eq!(result["regions"].as_array().unwrap().len(), 2);
     for name in ["1", "2"] {
-        assert!(bench.names(&format!("out/{name}")).contains(&"brdf.binary".to_owned()));
+        assert!(bench.names(&format!("out/{name}")).contains(&"brdf.npz".to_owned()));
     }
     // Under one light, the relative albedo of the darker ball is 0.4.
     let albedo = |at: usize| result["regions"][at]["relative_albedo"].as_f64().unwrap();
@@ -83,7 +83,7 @@ fn ignores_other_objects_beside_a_ball() {
         .map(|alpha| Plane::from_fn(2 * SIZE, SIZE, |x, y| if x < SIZE { alpha[(x, y)] } else { beside(x, y) }));
     bench.write("board.exr", &exr(&Picture { rgb, alpha }));
     bench.run("infer board.exr -o out --grid 8").succeeds();
-    assert!(bench.names("out").contains(&"brdf.binary".to_owned()), "{:?}", bench.names("out"));
+    assert!(bench.names("out").contains(&"brdf.npz".to_owned()), "{:?}", bench.names("out"));
 }
 
 #[test]

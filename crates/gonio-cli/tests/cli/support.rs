@@ -169,8 +169,7 @@ impl Bench {
 
     /// Reads the channels of the BRDF in a folder.
     pub(crate) fn channels(&self, dir: &str) -> [BivariateTable; 3] {
-        let brdf = gonio_io::merl::read(self.path(dir).join("brdf.binary")).unwrap();
-        [0, 1, 2].map(|c| brdf.bivariate(c))
+        gonio_io::result_brdf::read(self.path(dir).join("brdf.npz")).unwrap()
     }
 }
 

@@ -313,7 +313,7 @@ def rendered(program, folder, name, mesh=None, size=SIZE, found=None):
     """Renders a mesh with the material and light of the ball, and with camera.json and pose.json of a folder; `found` contains the results of the ball."""
     photograph, found = folder / f"{name}.exr", found or folder
     gonio(
-        *(program, "render", "--brdf", found / "ball" / "brdf.binary", "--light", found / "own" / "light.exr"),
+        *(program, "render", "--brdf", found / "ball" / "brdf.npz", "--light", found / "own" / "light.exr"),
         *("--mesh", mesh or folder / f"{name}.obj", "--pose", folder / "pose.json", "--camera", folder / "camera.json"),
         *("--size", size[0], "--height", size[1], "-o", photograph),
     )

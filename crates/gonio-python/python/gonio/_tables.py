@@ -32,7 +32,7 @@ def read_merl(path: Path) -> Brdf:
 
 
 def read_brdf(path: Path) -> Brdf:
-    """Read a table of the MERL database or an RGB file of the RGL database (``.bsdf``).
+    """Read the BRDF of a result (``brdf.npz``), a table of the MERL database (``.binary``) or an RGB file of the RGL database (``.bsdf``).
 
     The header of the file determines the format.
 

@@ -278,8 +278,8 @@ impl Report<'_> {
         }
         html! {
             dl.facts { @for row in &rows { div { dt { (row[0]) } dd { (row[1]) } } } }
-            p.note { "In the folder of this page, result.json contains all numbers, and brdf.binary the BRDF in the \
-                MERL format. " code { "gonio export" } " converts the BRDF for renderers." }
+            p.note { "In the folder of this page, result.json contains all numbers, and brdf.npz the BRDF and its \
+                quantiles as numpy arrays. " code { "gonio export" } " converts the BRDF for renderers." }
         }
     }
 }

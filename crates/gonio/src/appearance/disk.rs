@@ -72,7 +72,8 @@ pub struct DiskImage {
     pub scatter: f32,
 }
 
-/// Whether each cell is on the disk. A simulated photograph asks for every cell dozens of times.
+/// Whether each cell is on the disk. The simulation of a photograph looks up every cell dozens of
+/// times.
 static ON_DISK: [bool; SIDE * SIDE] = {
     let mut on = [false; SIDE * SIDE];
     let mut cell = 0;

@@ -20,6 +20,7 @@ use gonio_report::panels::{Panels, Subject};
 use gonio_report::report::{Fits, Report};
 use serde_json::{Map, Value, json};
 
+use crate::export::FACTORS;
 use crate::notes::{self, ResultDocument};
 use crate::{Method, ObservedScene, Problem, ProgressLog, Scene, Settings, Source, Warning, basis, combine, reference};
 
@@ -217,7 +218,7 @@ pub(crate) fn solve(
             let ask = settings.estimate(*rule);
             let wanted = settings.pictures && settings.report;
             let fit = |table: &BivariateTable, colouring: &Colouring| {
-                wanted.then(|| Fits::of(&colouring.field().tables(table)))
+                wanted.then(|| Fits::of(&colouring.field().tables(table), &FACTORS))
             };
             let (found, fits) = estimate_beside(model, observations, &ask, &begin, fit).map_err(blame)?;
             Ok(Found { fits, ..Found::blind(found, notes::settings(&ask, linear), warnings) })
@@ -270,6 +271,8 @@ impl Found {
         if let (Some(scale), Some(material)) = (scale, &self.material) {
             warnings.extend(reference::too_bright(scale));
             self.scale = scale.factor;
+            // The fits were at another scale.
+            self.fits = None;
             notes::make_absolute(&mut self.sections, material, ALBEDO * scale.factor);
         }
         self.sections["reference"] = reference.notes(scale);
@@ -319,7 +322,8 @@ pub(crate) fn assemble(
         left,
         colouring,
     };
-    let fits = settings.pictures.then(|| answer.draw(settings.report, fits, progress_log)).flatten();
+    let absolute = sections["reflectance"]["absolute"] == true;
+    let fits = settings.pictures.then(|| answer.draw((settings.report, absolute), fits, progress_log)).flatten();
     let seconds = progress_log.seconds();
     let total: f64 = seconds.iter().map(|(_, seconds)| seconds).sum();
     let (used, (word, left)) = (answer.seen.detection.observations.report.used_pixels, answer.left);
@@ -369,13 +373,19 @@ impl InferenceResult {
 
     /// Draws the pictures. In parallel, fits renderer models if the report needs them and none
     /// exist.
-    fn draw(&mut self, report: bool, fits: Option<Fits>, progress_log: &ProgressLog<'_>) -> Option<Fits> {
+    fn draw(
+        &mut self,
+        (report, absolute): (bool, bool),
+        fits: Option<Fits>,
+        progress_log: &ProgressLog<'_>,
+    ) -> Option<Fits> {
         progress_log.at("drawing", 0.0);
         let subject = self.subject();
-        let tables = subject.coloured(&self.table);
+        let tables = subject.coloured(&self.table.scaled(self.scale));
+        let factors: &[f64] = if absolute { &[] } else { &FACTORS };
         let (panels, fits) = rayon::join(
             || Panels::draw(&subject, &|x| progress_log.at("drawing", x)),
-            || fits.or_else(|| report.then(|| Fits::of(&tables))),
+            || fits.or_else(|| report.then(|| Fits::of(&tables, factors))),
         );
         self.panels = Some(panels);
         fits

@@ -13,7 +13,8 @@ use serde_json::{Map, Value, json};
 use gonio_io::atomic::StagedFolder;
 use gonio_io::colour_space::ColourSpace;
 use gonio_io::material::{
-    Place, blender_scene, glb_sphere, materialx, mitsuba_measured, mitsuba_principled, mitsuba_scene,
+    LARGE_ERROR, Place, blender_scene, fit_note, glb_sphere, materialx, mitsuba_measured, mitsuba_principled,
+    mitsuba_scene,
 };
 use gonio_io::picture::encode_exr_in;
 use gonio_io::{Error, merl, notes, rgl};
@@ -34,6 +35,9 @@ const MEASURED: [(&str, &str); 2] =
 
 /// File of Mitsuba's `principled` material.
 const PRINCIPLED: &str = "principled.xml";
+
+/// Factors by which a BRDF of unknown scale may be scaled, from an albedo of 0.5 downwards.
+pub const FACTORS: [f64; 7] = [1.0, 0.6, 0.36, 0.22, 0.13, 0.08, 0.05];
 
 /// Export format.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -89,6 +93,11 @@ impl Target {
         }
     }
 
+    /// Whether the model has a limited range of albedo and reflectance.
+    fn limits_scale(self) -> bool {
+        matches!(self, Self::Mitsuba | Self::Blender | Self::Gltf | Self::Mtlx)
+    }
+
     /// Returns the target with a name.
     pub fn named(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|target| target.names().0 == name)
@@ -111,6 +120,9 @@ pub struct Export {
     pub space: ColourSpace,
     /// Luminance albedo at normal incidence to scale the BRDF to.
     pub albedo: Option<f64>,
+    /// Whether the scale of the BRDF is known. Otherwise, without `albedo`, the BRDF is scaled to
+    /// the albedo at which [`Layered`] fits best, if a target is the model of a renderer.
+    pub absolute: bool,
     /// Also write the table of each fitted model, to compare it with the BRDF.
     pub with_tables: bool,
 }
@@ -129,14 +141,20 @@ impl Export {
         input: &str,
         progress: &dyn Fn(f64),
     ) -> Result<Option<Value>, Error> {
-        let Self { name, mut tables, whole, light, space, albedo, with_tables } = self;
+        let Self { name, mut tables, whole, light, space, albedo, absolute, with_tables } = self;
         let measured = BivariateTable::luminance(&tables).normal_albedo();
         if !(measured > 0.0 && measured.is_finite()) {
             return Ok(None);
         }
-        let scale = albedo.map_or(1.0, |albedo| albedo / measured);
+        let mut fitter = Fitter::new(&tables);
+        let (scale, source) = match albedo {
+            Some(albedo) => (albedo / measured, "option"),
+            None if absolute || !targets.iter().any(|target| target.limits_scale()) => (1.0, "input"),
+            None => (fitter.plausible_scale(&FACTORS), "fit"),
+        };
         if scale != 1.0 {
             tables = tables.map(|table| table.scaled(scale));
+            fitter = fitter.scaled(scale);
         }
         let found = light.is_some();
         let mut writer = Writer {
@@ -145,13 +163,14 @@ impl Export {
             // The photograph determines only the product of light and BRDF.
             light: light
                 .map_or_else(|| studio_light(LIGHT_ROWS), |light| times(&light, Vec3::splat(1.0 / scale as f32))),
-            fitter: Fitter::new(&tables),
+            fitter,
             layered: None,
             tables,
             whole: whole.filter(|_| scale == 1.0),
             with_tables,
             space,
             entries: Map::new(),
+            warnings: Vec::new(),
         };
         for (i, target) in targets.iter().enumerate() {
             progress(i as f64 / targets.len() as f64);
@@ -166,15 +185,23 @@ impl Export {
             "input": input,
             "name": writer.name,
             "albedo": measured * scale,
+            "albedo_source": source,
             "light": if found { "of the results" } else { "studio" },
             "exports": writer.entries,
-            "note": "relight: relative root mean square error of a sphere rendered with the export in a studio light, compared with the BRDF; \
+            "warnings": writer.warnings,
+            "note": "albedo_source: option, input (as in the input), or fit (the photograph does not determine the scale; the models of renderers \
+                     fit best at this albedo); relight: relative root mean square error of a sphere rendered with the export in a studio light, compared with the BRDF; \
                      log_relight: the same error of logarithms, for values above 1 % of the mean; colorspace: linear space of the colours of each export; \
                      light.exr is in rec709",
         });
         folder.write(SUMMARY, pretty(&summary).as_bytes())?;
         Ok(Some(summary))
     }
+}
+
+/// Whether the scale of the BRDF in a folder of results is known.
+pub fn is_absolute(dir: &Path) -> bool {
+    notes::read(&dir.join(RESULT)).is_ok_and(|notes| notes["reflectance"]["absolute"] == true)
 }
 
 /// Reads the light of a folder of results in colour, for [`Export::light`]; `None` if the folder
@@ -226,6 +253,7 @@ struct Writer<'a> {
     /// Colour space of the tables to write.
     space: ColourSpace,
     entries: Map<String, Value>,
+    warnings: Vec<String>,
 }
 
 impl Writer<'_> {
@@ -270,29 +298,29 @@ impl Writer<'_> {
             }
             Target::Mitsuba => {
                 let fitted = self.fitter.fit::<Principled>();
-                let text = mitsuba_principled(&self.name, &fitted.model, Place::File);
+                let text = mitsuba_principled(&self.name, &fitted.model, Place::File, &fit_note(fitted.relight));
                 self.model(target, PRINCIPLED, text.as_bytes(), &fitted, "alpha = roughness^2")
             }
             Target::Blender => {
                 let fitted = self.layered();
-                let text = blender_scene(&self.name, &fitted.model, LIGHT, self.stops());
+                let text = blender_scene(&self.name, &fitted.model, LIGHT, self.stops(), &fit_note(fitted.relight));
                 let note = "Blender 4.0 or later; alpha = Roughness^2; the same fit as mtlx";
                 self.model(target, "blender.py", text.as_bytes(), &fitted, note)
             }
             Target::Gltf => {
                 let fitted = self.fitter.fit::<MetallicRoughness>();
-                let bytes = glb_sphere(&self.name, &fitted.model);
+                let bytes = glb_sphere(&self.name, &fitted.model, &fit_note(fitted.relight));
                 self.model(
                     target,
                     "sphere.glb",
                     &bytes,
                     &fitted,
-                    "alpha = roughnessFactor^2; index in KHR_materials_ior",
+                    "alpha = roughnessFactor^2; index, tint and coat in the extensions KHR_materials_ior, _specular and _clearcoat",
                 )
             }
             Target::Mtlx => {
                 let fitted = self.layered();
-                let text = materialx(&self.name, &fitted.model);
+                let text = materialx(&self.name, &fitted.model, &fit_note(fitted.relight));
                 self.model(target, "openpbr.mtlx", text.as_bytes(), &fitted, "OpenPBR; alpha = specular_roughness^2")
             }
             Target::CookTorrance => {
@@ -374,6 +402,12 @@ impl Writer<'_> {
         note: &str,
     ) -> Result<(), Error> {
         self.folder.write(file, bytes)?;
+        if fitted.relight > LARGE_ERROR {
+            self.warnings.push(format!(
+                "{file}: this model cannot represent the BRDF: the relative error of a relit sphere is {:.0} %; use the tensor (target bsdf)",
+                100.0 * fitted.relight
+            ));
+        }
         self.note(
             target,
             json!({

@@ -7,7 +7,7 @@ use anyhow::{Result, bail};
 use clap::ValueEnum;
 use clap::builder::PossibleValue;
 use gonio_app::Spaces;
-use gonio_app::export::{Export, Target, light_of_results};
+use gonio_app::export::{Export, Target, is_absolute, light_of_results};
 use gonio_app::folder::{EXPORT, for_exports};
 use gonio_app::results::{BRDF, brdf_in};
 use serde_json::{Value, json};
@@ -34,7 +34,8 @@ pub(crate) struct Options {
     name: Option<String>,
     /// Scale the BRDF to this luminance albedo at normal incidence
     ///
-    /// A photograph under unknown light does not determine the albedo.
+    /// A photograph under unknown light does not determine the albedo. If a target is the model of
+    /// a renderer, gonio scales such a BRDF to the albedo at which these models fit best.
     #[arg(long, value_name = "ALBEDO", value_parser = parse_albedo, allow_negative_numbers = true)]
     albedo: Option<f64>,
     /// Also write each fitted model as a MERL table (.binary), to compare it with the BRDF
@@ -105,6 +106,7 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
         light,
         space: options.space.space(),
         albedo: options.albedo,
+        absolute: !is_folder || is_absolute(&options.input),
         with_tables: options.tables,
     };
     let stage = Stage::new("fitting models");
@@ -113,10 +115,12 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     let Some(summary) = written else {
         bail!("{}: cannot be exported, because the BRDF is zero at normal incidence; use another BRDF", file.display())
     };
+    let poor = summary["warnings"].as_array().into_iter().flatten().filter_map(Value::as_str).map(str::to_owned);
     let warnings: Vec<String> = Spaces { input: None, output: options.space.space() }
         .warning(&colours)
         .iter()
         .map(|w| w.worded(&words))
+        .chain(poor)
         .collect();
     folder.commit()?;
     let line = |(target, entry): (&String, &Value)| {
@@ -126,7 +130,14 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     };
     let lines: String = summary["exports"].as_object().into_iter().flatten().map(line).collect();
     let output = output.display().to_string();
-    let mut outcome = Outcome::new(format!("{lines}{output}"), summary).warning(warnings);
+    let albedo = match summary["albedo_source"].as_str() {
+        Some("fit") => format!(
+            "albedo {:.2}: the photograph does not determine it; the models of renderers fit best at this albedo (--albedo sets another)\n",
+            summary["albedo"].as_f64().unwrap_or_default()
+        ),
+        _ => String::new(),
+    };
+    let mut outcome = Outcome::new(format!("{lines}{albedo}{output}"), summary).warning(warnings);
     outcome.fields.insert("output".into(), json!(output));
     Ok(outcome)
 }

@@ -24,7 +24,7 @@ pub(crate) fn export_targets() -> Vec<(&'static str, &'static str)> {
 /// Writes the files for renderers to a folder; returns the contents of its `export.json`.
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "called from one place, which names them")]
-#[pyo3(signature = (folder, table, full, light, to, name, albedo, tables, colorspace, input, listeners))]
+#[pyo3(signature = (folder, table, full, light, to, name, albedo, absolute, tables, colorspace, input, listeners))]
 pub(crate) fn export(
     py: Python<'_>,
     folder: PathBuf,
@@ -34,6 +34,7 @@ pub(crate) fn export(
     to: Option<Vec<String>>,
     name: String,
     albedo: Option<f64>,
+    absolute: bool,
     tables: bool,
     colorspace: String,
     input: String,
@@ -55,7 +56,8 @@ pub(crate) fn export(
     let light = light.map_err(|error| raise(&Problem::of("the light", error), py))?;
     // The package has checked the name.
     let space = ColourSpace::named(&colorspace).unwrap_or_default();
-    let export = Export { name, tables: arrays::tables(table)?, whole, light, space, albedo, with_tables: tables };
+    let tables_of = arrays::tables(table)?;
+    let export = Export { name, tables: tables_of, whole, light, space, albedo, absolute, with_tables: tables };
     work::run(py, listeners, move |reporter| {
         let folder = for_exports(&folder)?;
         let written = export.write(&folder, &targets, &input, &|x| reporter.at("fitting models", x))?;

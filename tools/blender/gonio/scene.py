@@ -27,6 +27,10 @@ def material(name, exported):
             "Roughness": found["roughness"],
             "IOR": found["ior"],
             "Specular IOR Level": 0.5,
+            "Specular Tint": (*found["specular_color"], 1.0),
+            "Coat Weight": found["coat_weight"],
+            "Coat Roughness": found["coat_roughness"],
+            "Coat IOR": 1.5,
         }
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise Problem(f"{exported}: is not an export that this add-on supports ({error!r})") from error

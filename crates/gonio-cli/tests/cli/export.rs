@@ -114,7 +114,13 @@ fn scenes_use_the_light_of_the_results() {
     std::fs::rename(bench.path("in.binary"), bench.path("out/brdf.binary")).unwrap();
     let grey = studio_light(16).radiance().map(|p| glam::Vec3::splat(p.x));
     bench.write("out/light.exr", &gonio_io::picture::encode_exr(&grey, None));
-    bench.write("out/result.json", br#"{"format": "gonio-result", "colour": {"light": {"rgb": [0.5, 1.0, 2.0]}}}"#);
+    let result = |absolute: bool| {
+        let result = format!(
+            r#"{{"format": "gonio-result", "reflectance": {{"absolute": {absolute}}}, "colour": {{"light": {{"rgb": [0.5, 1.0, 2.0]}}}}}}"#
+        );
+        bench.write("out/result.json", result.as_bytes());
+    };
+    result(true);
     bench.run("export out --to bsdf,mitsuba,merl").succeeds();
     assert_eq!(bench.json("out/export/export.json")["light"], "of the results");
     let (found, lit) = (means("out/light.exr"), means("out/export/light.exr"));
@@ -123,6 +129,18 @@ fn scenes_use_the_light_of_the_results() {
     bench.run("export out -o dark --to mitsuba --albedo 0.05").succeeds();
     let brighter = f64::from(means("dark/light.exr").y / lit.y);
     assert!((brighter * 0.05 / albedo - 1.0).abs() < 1e-2, "{brighter}");
+
+    // If the photograph does not determine the scale, the models of renderers do.
+    result(false);
+    let printed = bench.run("export out -o fitted --to mtlx,mitsuba").succeeds().stdout;
+    let fitted = bench.json("fitted/export.json");
+    let scaled = fitted["albedo"].as_f64().unwrap();
+    assert!(fitted["albedo_source"] == "fit" && scaled <= albedo && printed.contains(&format!("albedo {scaled:.2}")));
+    let brighter = f64::from(means("fitted/light.exr").y / lit.y);
+    assert!((brighter * scaled / albedo - 1.0).abs() < 1e-2, "{brighter}");
+    bench.run("export out -o table --to merl").succeeds();
+    assert_eq!(bench.json("table/export.json")["albedo_source"], "input");
+    result(true);
 
     // The scene uses the more accurate material. It is removed if neither material is exported.
     let scene = |folder: &str| String::from_utf8(bench.read(&format!("{folder}/scene.xml"))).unwrap();

@@ -1,16 +1,43 @@
 use std::f64::consts::{PI, TAU};
 
+use glam::DVec3;
 use gonio::shading::MetallicRoughness;
-use serde_json::json;
+use serde_json::{Value, json};
 
 /// Rings of the sphere from pole to pole, and vertices around each.
 const RINGS: u16 = 48;
 const AROUND: u16 = 96;
 
-/// Encodes a glTF 2.0 binary file: a sphere of radius one with this material. `roughnessFactor` is
-/// the square root of GGX's width; the index of refraction is in `KHR_materials_ior`, and viewers
-/// without that extension assume 1.5.
-pub fn glb_sphere(name: &str, model: &MetallicRoughness) -> Vec<u8> {
+/// Returns the glTF material of a model. `roughnessFactor` is the square root of GGX's width.
+/// Viewers without the extensions assume an index of 1.5, no tint and no coat.
+pub fn gltf_material(name: &str, model: &MetallicRoughness) -> Value {
+    let four = |x: f64| (x * 1e4).round() / 1e4;
+    let three = |colour: DVec3| colour.to_array().map(four);
+    let [r, g, b] = three(model.base_color);
+    let mut extensions = json!({ "KHR_materials_ior": { "ior": four(model.ior) } });
+    if model.specular_color != DVec3::ONE {
+        extensions["KHR_materials_specular"] = json!({ "specularColorFactor": three(model.specular_color) });
+    }
+    if model.clearcoat > 0.0 {
+        extensions["KHR_materials_clearcoat"] = json!({
+            "clearcoatFactor": four(model.clearcoat),
+            "clearcoatRoughnessFactor": four(model.clearcoat_roughness),
+        });
+    }
+    json!({
+        "name": name,
+        "pbrMetallicRoughness": {
+            "baseColorFactor": [r, g, b, 1.0],
+            "metallicFactor": four(model.metallic),
+            "roughnessFactor": four(model.roughness),
+        },
+        "extensions": extensions,
+    })
+}
+
+/// Encodes a glTF 2.0 binary file: a sphere of radius one with the material of [`gltf_material`].
+/// `note` is stored in the `extras` of the asset.
+pub fn glb_sphere(name: &str, model: &MetallicRoughness, note: &str) -> Vec<u8> {
     let (mut points, mut triangles) = (Vec::<f32>::new(), Vec::<u16>::new());
     for i in 0..=RINGS {
         let (sin, cos) = (PI * f64::from(i) / f64::from(RINGS)).sin_cos();
@@ -40,10 +67,13 @@ pub fn glb_sphere(name: &str, model: &MetallicRoughness) -> Vec<u8> {
     let split = binary.len();
     binary.extend(indices);
     binary.resize(binary.len().next_multiple_of(4), 0);
-    let [r, g, b] = model.base_color.to_array();
+    let material = gltf_material(name, model);
+    let used: Vec<&String> = material["extensions"].as_object().into_iter().flat_map(|used| used.keys()).collect();
     let document = json!({
-        "asset": { "version": "2.0", "generator": concat!("gonio ", env!("CARGO_PKG_VERSION")) },
-        "extensionsUsed": ["KHR_materials_ior"],
+        "asset": {
+            "version": "2.0", "generator": concat!("gonio ", env!("CARGO_PKG_VERSION")), "extras": { "note": note },
+        },
+        "extensionsUsed": used,
         "scene": 0,
         "scenes": [{ "nodes": [0] }],
         "nodes": [{ "mesh": 0, "name": name }],
@@ -51,15 +81,7 @@ pub fn glb_sphere(name: &str, model: &MetallicRoughness) -> Vec<u8> {
             "name": "sphere",
             "primitives": [{ "attributes": { "POSITION": 0, "NORMAL": 1 }, "indices": 2, "material": 0 }],
         }],
-        "materials": [{
-            "name": name,
-            "pbrMetallicRoughness": {
-                "baseColorFactor": [r, g, b, 1.0],
-                "metallicFactor": model.metallic,
-                "roughnessFactor": model.roughness,
-            },
-            "extensions": { "KHR_materials_ior": { "ior": model.ior } },
-        }],
+        "materials": [material],
         "buffers": [{ "byteLength": binary.len() }],
         // Positions and normals share the first view, which therefore needs a stride.
         "bufferViews": [
@@ -88,15 +110,23 @@ pub fn glb_sphere(name: &str, model: &MetallicRoughness) -> Vec<u8> {
 
 #[cfg(test)]
 mod tests {
-    use glam::DVec3;
-
     use super::*;
 
     #[test]
     fn the_sphere_and_its_material_can_be_read() {
-        let model =
-            MetallicRoughness { base_color: DVec3::new(0.5, 0.25, 0.1), metallic: 0.2, roughness: 0.3, ior: 1.4 };
-        let bytes = glb_sphere("a \"ball\"", &model);
+        let model = MetallicRoughness {
+            base_color: DVec3::new(0.5, 0.25, 0.1),
+            metallic: 0.2,
+            roughness: 0.3,
+            ior: 1.4,
+            specular_color: DVec3::new(1.0, 0.5, 0.25),
+            clearcoat: 0.75,
+            clearcoat_roughness: 0.1,
+        };
+        let bytes = glb_sphere("a \"ball\"", &model, "for a test");
+        let document = gltf_material("ball", &model);
+        assert_eq!(document["extensions"]["KHR_materials_specular"]["specularColorFactor"][2], 0.25);
+        assert_eq!(document["extensions"]["KHR_materials_clearcoat"]["clearcoatFactor"], 0.75);
         let file = gltf::Gltf::from_slice(&bytes).unwrap();
         let material = file.materials().next().unwrap();
         assert_eq!(material.name(), Some("a \"ball\""));

@@ -24,7 +24,9 @@ fn opening(kind: &str, name: &str, place: Place) -> String {
 }
 
 /// Writes a `principled` material of Mitsuba 3; its `roughness` is the square root of GGX's width.
-pub fn mitsuba_principled(name: &str, model: &Principled, place: Place) -> String {
+///
+/// `note` becomes a comment.
+pub fn mitsuba_principled(name: &str, model: &Principled, place: Place, note: &str) -> String {
     let float = |name: &str, value: f64| format!("    <float name=\"{name}\" value=\"{}\"/>\n", number(value));
     let values = [
         float("metallic", model.metallic),
@@ -35,7 +37,7 @@ pub fn mitsuba_principled(name: &str, model: &Principled, place: Place) -> Strin
         float("clearcoat_gloss", model.clearcoat_gloss),
     ];
     format!(
-        "{}\n    <!-- Colours: rec709, linear -->\n    <rgb name=\"base_color\" value=\"{}\"/>\n{}</bsdf>\n",
+        "{}\n    <!-- {note} -->\n    <!-- Colours: rec709, linear -->\n    <rgb name=\"base_color\" value=\"{}\"/>\n{}</bsdf>\n",
         opening("principled", name, place),
         colour(model.base_color),
         values.concat()

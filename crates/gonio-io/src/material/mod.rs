@@ -10,7 +10,7 @@ mod materialx;
 mod mitsuba;
 
 pub use blender::{blender_scene, blender_script};
-pub use glb::glb_sphere;
+pub use glb::{glb_sphere, gltf_material};
 pub use materialx::materialx;
 pub use mitsuba::{Place, mitsuba_measured, mitsuba_principled, mitsuba_scene};
 
@@ -22,6 +22,20 @@ const SIZE: usize = 256;
 /// Half the width of such a picture for a sphere of radius one. The margin is two pixels, as in
 /// `gonio::render::SphereSettings`.
 const HALF_WIDTH: f64 = 0.5 * SIZE as f64 / (0.5 * SIZE as f64 - 2.0);
+
+/// Relight error above which a model does not represent a BRDF.
+pub const LARGE_ERROR: f64 = 0.2;
+
+/// Returns the comment on a fitted model: its relight error, and advice if the error is large.
+pub fn fit_note(relight: f64) -> String {
+    let advice = if relight > LARGE_ERROR {
+        ": this model cannot represent the BRDF; use the tensor (target bsdf of gonio export)"
+    } else {
+        ""
+    };
+    // XML does not allow two hyphens in a comment.
+    format!("Fitted by gonio; relative error of a relit sphere: {:.0} %{advice}", 100.0 * relight)
+}
 
 /// Converts a name to an identifier of XML and Python.
 fn identifier(name: &str) -> String {

@@ -6,7 +6,7 @@ import base64
 import json
 import os
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -214,7 +214,7 @@ class Brdf:
         to: Sequence[str] | str | None = None,
         *,
         name: str | None = None,
-        albedo: float | None = None,
+        albedo: float | Literal["fit"] | None = None,
         tables: bool = False,
         light: Picture | None = None,
         output_colorspace: str = "rec709",
@@ -230,8 +230,10 @@ class Brdf:
             Names from :data:`EXPORTS`; all by default.
         name : str, optional
             Name of the material.
-        albedo : float, optional
-            Scale the BRDF to this albedo first.
+        albedo : float or "fit", optional
+            Scale the BRDF to this albedo first. "fit" is the albedo, at most that of the BRDF, at
+            which the models of renderers fit best: the default of ``gonio export`` for a
+            photograph that does not determine the albedo.
         tables : bool, default False
             Also write the table of each fitted model.
         light : path or array, optional
@@ -258,7 +260,7 @@ class Brdf:
         listener(progress)
         listeners: Listeners = {"progress": progress, "poll": None}
         called = text(name or self.name, "name")
-        scale = None if albedo is None else positive(albedo, "albedo")
+        scale = None if albedo is None or albedo == "fit" else positive(albedo, "albedo")
         lit = None if light is None else light_map(light)
         written = space(output_colorspace, "output_colorspace")
         told = _gonio.export(
@@ -269,6 +271,7 @@ class Brdf:
             wanted,
             called,
             scale,
+            albedo != "fit",
             flag(tables, "tables"),
             written,
             self.name,

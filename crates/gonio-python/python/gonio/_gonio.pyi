@@ -112,6 +112,7 @@ def export(
     to: Sequence[str] | None,
     name: str,
     albedo: float | None,
+    absolute: bool,
     tables: bool,
     colorspace: str,
     input: str,

@@ -2,15 +2,17 @@
 
 use gonio::reflectance::BivariateTable;
 use gonio::shading::{Fitted, Fitter, Layered, MetallicRoughness, Principled};
-use gonio_io::material::{Place, blender_script, materialx, mitsuba_principled};
+use gonio_io::material::{LARGE_ERROR, Place, blender_script, fit_note, gltf_material, materialx, mitsuba_principled};
 use maud::{Markup, html};
-use serde_json::json;
 
 use super::percent;
 
 /// Best fits of the models of common renderers to a BRDF.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Fits {
+    /// Luminance albedo at normal incidence to which the BRDF was scaled before the fits, if the
+    /// photograph does not determine it.
+    pub albedo: Option<f64>,
     /// Mitsuba.
     pub principled: Fitted<Principled>,
     /// OpenPBR, MaterialX, Blender.
@@ -21,34 +23,35 @@ pub struct Fits {
 
 impl Fits {
     /// Fits the models to linear RGB tables in 1/sr. This takes about two seconds on one core.
-    pub fn of(tables: &[BivariateTable; 3]) -> Self {
-        let fitter = Fitter::new(tables);
-        Self { principled: fitter.fit(), layered: fitter.fit(), metallic_roughness: fitter.fit() }
+    ///
+    /// If the scale of the tables is unknown, they are first scaled by the factor in `factors` at
+    /// which [`Layered`] fits best.
+    pub fn of(tables: &[BivariateTable; 3], factors: &[f64]) -> Self {
+        let mut fitter = Fitter::new(tables);
+        let albedo = (!factors.is_empty()).then(|| {
+            let factor = fitter.plausible_scale(factors);
+            fitter = fitter.scaled(factor);
+            factor * BivariateTable::luminance(tables).normal_albedo()
+        });
+        Self { albedo, principled: fitter.fit(), layered: fitter.fit(), metallic_roughness: fitter.fit() }
     }
 }
 
 pub(super) fn section(name: &str, fits: &Fits) -> Markup {
-    let Fits { principled, layered, metallic_roughness } = fits;
-    let gltf = &metallic_roughness.model;
-    let [r, g, b] = gltf.base_color.to_array();
-    let gltf = json!({
-        "name": name,
-        "pbrMetallicRoughness": {
-            "baseColorFactor": [rounded(r), rounded(g), rounded(b), 1.0],
-            "metallicFactor": rounded(gltf.metallic),
-            "roughnessFactor": rounded(gltf.roughness),
-        },
-        "extensions": { "KHR_materials_ior": { "ior": rounded(gltf.ior) } },
-    });
-    let gltf = serde_json::to_string_pretty(&gltf).unwrap_or_default();
+    let Fits { albedo, principled, layered, metallic_roughness } = fits;
+    let gltf = serde_json::to_string_pretty(&gltf_material(name, &metallic_roughness.model)).unwrap_or_default();
     let width = "alpha = roughness²";
     html! {
         p { "Best fit of each model to the BRDF, with the relative error of a sphere in a studio light. The \
             tabulated BRDF has no such error: "
             code { "gonio export" } " writes the table for Mitsuba and pbrt." }
-        (block("mitsuba", "Mitsuba 3, principled", principled.relight, width, &mitsuba_principled(name, &principled.model, Place::Scene)))
-        (block("blender", "Blender 4, Principled BSDF (script)", layered.relight, "alpha = Roughness²", &blender_script(name, &layered.model)))
-        (block("materialx", "MaterialX, OpenPBR", layered.relight, "alpha = specular_roughness²", &materialx(name, &layered.model)))
+        @if let Some(albedo) = albedo {
+            p { "The photograph does not determine the albedo. The models fit best at an albedo of " (format!("{albedo:.2}"))
+                "; " code { "gonio export --albedo" } " sets another." }
+        }
+        (block("mitsuba", "Mitsuba 3, principled", principled.relight, width, &mitsuba_principled(name, &principled.model, Place::Scene, &fit_note(principled.relight))))
+        (block("blender", "Blender 4, Principled BSDF (script)", layered.relight, "alpha = Roughness²", &blender_script(name, &layered.model, &fit_note(layered.relight))))
+        (block("materialx", "MaterialX, OpenPBR", layered.relight, "alpha = specular_roughness²", &materialx(name, &layered.model, &fit_note(layered.relight))))
         (block("gltf", "glTF 2.0, metallic-roughness", metallic_roughness.relight, "alpha = roughnessFactor²", &gltf))
     }
 }
@@ -58,12 +61,11 @@ fn block(id: &str, title: &str, off: f64, width: &str, text: &str) -> Markup {
     html! {
         details.copied open[id == "mitsuba"] {
             summary { (title) span.note { " error " (percent(off)) ", " (width) } }
+            @if off > LARGE_ERROR {
+                p.note { "This model cannot represent the BRDF; use the tensor of " code { "gonio export --to bsdf" } "." }
+            }
             button type="button" data-copy=(id) { "Copy" }
             pre id=(id) tabindex="0" { code { (text) } }
         }
     }
-}
-
-fn rounded(value: f64) -> f64 {
-    (value * 1e4).round() / 1e4
 }

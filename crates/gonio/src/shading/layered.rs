@@ -4,16 +4,18 @@ use std::sync::OnceLock;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
-use super::microfacet::{f0_of, fresnel_dielectric, schlick_weight};
+use super::microfacet::{COAT_F0, f0_of, fresnel_dielectric, schlick_weight};
 use super::{MetallicRoughness, Parameter, Shading};
 use crate::reflectance::parametric::{Facet, lobe};
 
-/// Base and specular layer of OpenPBR, which Blender's Principled (4.0 and later) also follows.
+/// Base, specular layer and coat of OpenPBR, which Blender's Principled (4.0 and later) also
+/// follows.
 ///
-/// The model is a mixture of a metal and of a Lambertian body under a dielectric. The body receives
+/// The base is a mixture of a metal and of a Lambertian body under a dielectric. The body receives
 /// only the light that the dielectric does not reflect. Both are GGX with `alpha = roughness^2`,
-/// height-correlated masking and compensation of multiple scattering (Turquin 2019). Renderers
-/// differ by a few percent in how they account for that energy.
+/// height-correlated masking and compensation of multiple scattering (Turquin 2019). The coat is a
+/// GGX lobe with an index of 1.5; the base receives the light that the coat does not reflect
+/// towards the viewer. Renderers differ by a few percent in how they account for this energy.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Layered {
     /// Linear RGB, 0..=1: colour of the body for a dielectric, of the reflection for a metal.
@@ -24,15 +26,29 @@ pub struct Layered {
     pub roughness: f64,
     /// Relative index of refraction.
     pub ior: f64,
+    /// Factor of the dielectric's reflection, and of the metal's reflection at 82 degrees; linear
+    /// RGB, 0..=1.
+    pub specular_color: DVec3,
+    /// Weight of the coat, 0..=1.
+    pub coat_weight: f64,
+    /// Square root of the coat's `alpha`, at most `roughness`.
+    pub coat_roughness: f64,
 }
 
+/// Index of refraction of the coat.
+pub const COAT_IOR: f64 = 1.5;
+
 impl Shading for Layered {
-    // The parameters are those of `MetallicRoughness`; one of them has another name.
+    // The parameters are those of `MetallicRoughness`, with other names.
     const PARAMETERS: &'static [Parameter] = MetallicRoughness::PARAMETERS;
 
+    const OPTIONAL: &'static [&'static [(usize, f64)]] = MetallicRoughness::OPTIONAL;
+
     fn of(parameters: &[f64]) -> Self {
-        let MetallicRoughness { base_color, metallic, roughness, ior } = MetallicRoughness::of(parameters);
-        Self { base_color, metalness: metallic, roughness, ior }
+        let MetallicRoughness { base_color, metallic, roughness, ior, specular_color, clearcoat, clearcoat_roughness } =
+            MetallicRoughness::of(parameters);
+        let (coat_weight, coat_roughness) = (clearcoat, clearcoat_roughness);
+        Self { base_color, metalness: metallic, roughness, ior, specular_color, coat_weight, coat_roughness }
     }
 
     fn starts(body: DVec3, highlight: DVec3) -> Vec<Vec<f64>> {
@@ -41,7 +57,7 @@ impl Shading for Layered {
 
     fn eval(&self, wi: DVec3, wo: DVec3) -> DVec3 {
         let Some(facet) = Facet::new(wi, wo) else { return DVec3::ZERO };
-        let lobe = lobe(&facet, self.roughness.powi(4));
+        let base_lobe = lobe(&facet, self.roughness.powi(4));
         let [at_zero, at_grazing] = Albedo::table().at(facet.cos_o, self.roughness);
         // `at_once` is the fraction that a white lobe reflects in one bounce; the rest is reflected
         // in later bounces, multiplied by the colour once more.
@@ -50,11 +66,26 @@ impl Shading for Layered {
         let f0 = f0_of(self.ior);
         let reflected = (f0 * at_zero + at_grazing).min(1.0) * (1.0 + f0 * later);
         let dielectric = self.base_color * (FRAC_1_PI * (1.0 - reflected).max(0.0))
-            + DVec3::splat(fresnel_dielectric(facet.cos_d, self.ior) * lobe * (1.0 + f0 * later));
-        let fresnel = self.base_color + (DVec3::ONE - self.base_color) * schlick_weight(facet.cos_d);
-        let metal = fresnel * lobe * (DVec3::ONE + self.base_color * later);
-        dielectric.lerp(metal, self.metalness)
+            + self.specular_color * (fresnel_dielectric(facet.cos_d, self.ior) * base_lobe * (1.0 + f0 * later));
+        let fresnel = f82(self.base_color, self.specular_color, facet.cos_d);
+        let metal = fresnel * base_lobe * (DVec3::ONE + self.base_color * later);
+        let base = dielectric.lerp(metal, self.metalness);
+        if self.coat_weight == 0.0 {
+            return base;
+        }
+        let [at_zero, at_grazing] = Albedo::table().at(facet.cos_o, self.coat_roughness);
+        let coat = fresnel_dielectric(facet.cos_d, COAT_IOR) * lobe(&facet, self.coat_roughness.powi(4));
+        base * (1.0 - self.coat_weight * (COAT_F0 * at_zero + at_grazing)) + DVec3::splat(self.coat_weight * coat)
     }
+}
+
+/// Returns the reflectance of a metal by Schlick's formula with a tint at 82 degrees (Kutz et al.
+/// 2021, as in OpenPBR).
+fn f82(f0: DVec3, tint: DVec3, cos: f64) -> DVec3 {
+    const COS_82: f64 = 1.0 / 7.0;
+    let schlick = |cos: f64| f0 + (DVec3::ONE - f0) * schlick_weight(cos);
+    let shape = |cos: f64| cos * (1.0 - cos).powi(6);
+    (schlick(cos) - schlick(COS_82) * (DVec3::ONE - tint) * (shape(cos) / shape(COS_82))).max(DVec3::ZERO)
 }
 
 /// Number of entries of [`Albedo`] along each axis.
@@ -149,10 +180,38 @@ mod tests {
     fn white_materials_reflect_all_light() {
         // A white metal and a white body under a coat reflect all light.
         for (metalness, roughness, cos) in [(1.0, 0.7, 0.6), (1.0, 1.0, 0.9), (0.0, 0.6, 0.8), (0.0, 0.9, 0.5)] {
-            let model = Layered { base_color: DVec3::ONE, metalness, roughness, ior: 1.5 };
+            let model = Layered {
+                base_color: DVec3::ONE,
+                metalness,
+                roughness,
+                ior: 1.5,
+                specular_color: DVec3::ONE,
+                coat_weight: 0.0,
+                coat_roughness: 0.0,
+            };
             let got = albedo(&model, cos);
             assert!((got - 1.0).abs() < 0.02, "{metalness} {roughness} {cos}: {got}");
         }
+    }
+
+    #[test]
+    fn tint_applies_to_the_metal_at_82_degrees() {
+        let (f0, tint) = (DVec3::new(0.9, 0.6, 0.3), DVec3::new(0.5, 0.8, 1.0));
+        let white = |cos: f64| f82(f0, DVec3::ONE, cos);
+        assert_eq!(f82(f0, tint, 1.0), f0);
+        assert!((f82(f0, tint, 1.0 / 7.0) - tint * white(1.0 / 7.0)).length() < 1e-12);
+        assert!((white(0.0) - DVec3::ONE).length() < 1e-12);
+    }
+
+    #[test]
+    fn a_coat_adds_its_lobe_and_darkens_the_base() {
+        let bare = Layered::of(&[0.3, 0.3, 0.3, 0.0, 0.6, 1.3, 1.0, 1.0, 1.0, 0.0, 0.02]);
+        let coated = Layered { coat_weight: 1.0, coat_roughness: 0.15, ..bare };
+        let (up, side) = (DVec3::Z, DVec3::new(0.8, 0.0, 0.6));
+        assert!(coated.eval(up, up).x > 10.0 * bare.eval(up, up).x);
+        let ratio = coated.eval(side, up).x / bare.eval(side, up).x;
+        assert!((ratio - 0.96).abs() < 0.01, "{ratio}");
+        assert!(albedo(&Layered { base_color: DVec3::ONE, ..coated }, 0.7) < 1.02);
     }
 
     #[test]

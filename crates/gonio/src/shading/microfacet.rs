@@ -1,5 +1,8 @@
 //! Fresnel and masking terms that several models share. GGX is in the parametric models.
 
+/// Reflectance along the normal of a coat with an index of 1.5.
+pub(super) const COAT_F0: f64 = 0.04;
+
 /// Returns `(1 - cos)^5` (Schlick 1994).
 pub(super) fn schlick_weight(cos: f64) -> f64 {
     (1.0 - cos).clamp(0.0, 1.0).powi(5)

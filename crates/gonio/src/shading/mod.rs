@@ -20,7 +20,7 @@ mod principled;
 
 pub use classic::{ColourCookTorrance, ColourWard};
 pub use fit::{Fitted, Fitter};
-pub use layered::Layered;
+pub use layered::{COAT_IOR, Layered};
 pub use metallic_roughness::MetallicRoughness;
 pub(crate) use microfacet::fresnel_dielectric;
 pub use principled::Principled;
@@ -34,6 +34,10 @@ use crate::reflectance::parametric::azimuth_means;
 pub trait Shading: Sync + Send + Sized {
     /// Range of each parameter.
     const PARAMETERS: &'static [Parameter];
+
+    /// Groups of parameters that a fit leaves out if they hardly improve it: the indices of the
+    /// parameters, with the values that disable the group.
+    const OPTIONAL: &'static [&'static [(usize, f64)]] = &[];
 
     /// Builds the model from these parameters, each within its range.
     fn of(parameters: &[f64]) -> Self;

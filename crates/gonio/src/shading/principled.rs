@@ -43,6 +43,8 @@ impl Shading for Principled {
         UNIT,
     ];
 
+    const OPTIONAL: &'static [&'static [(usize, f64)]] = &[&[(6, 0.0)], &[(7, 0.0), (8, 0.0)]];
+
     fn of(p: &[f64]) -> Self {
         Self {
             base_color: DVec3::new(p[0], p[1], p[2]),

@@ -1,19 +1,22 @@
 //! Fits of shading models to tables.
 
+mod search;
 mod sketch;
 
+use std::sync::Arc;
+
 use glam::{DQuat, DVec3};
-use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt};
-use nalgebra::{DMatrix, DVector, Dyn, Owned};
+use levenberg_marquardt::LevenbergMarquardt;
 use rayon::prelude::*;
 
-use super::Shading;
+use super::{Layered, Shading};
 use crate::appearance::Lattice;
 use crate::lighting::studio_light;
 use crate::reflectance::parametric::directions;
 use crate::reflectance::{BivariateTable, THETA_H};
 use crate::reflectance::{theta_d_of, theta_h_of};
 use crate::render::{IntegratorSettings, LightTree, Relighter};
+use search::{Goal, Search};
 use sketch::Sketch;
 
 /// Step between half angles, in samples of a table, which are dense at the peak.
@@ -24,14 +27,22 @@ const DIFFERENCE: [usize; 10] = [0, 10, 20, 30, 40, 50, 60, 68, 74, 79];
 const AZIMUTHS: [f64; 3] = [0.0, 90.0, 180.0];
 /// Floor of the fitted logarithm relative to the mean; differences below it hardly count.
 const FLOOR: f64 = 0.1;
-/// Step of the finite differences, in the argument of the logistic function.
-const STEP: f64 = 1e-4;
 /// Degrees between azimuths of the tables by which fits are compared.
 const FINE: usize = 6;
 /// Number of starts, those with the smallest error, that are fitted to the samples.
 const PROMISING: usize = 5;
 /// Number of fits to the samples that are refined on the picture.
 const REFINED: usize = 3;
+
+/// Factor and term by which the criterion may increase if an optional group of parameters is left
+/// out.
+const HARDLY: (f64, f64) = (1.05, 0.01);
+
+/// Factor and term by which the criteria of similar fits of a scale differ at most.
+const SIMILAR: (f64, f64) = (1.15, 0.01);
+
+/// Number of starts for a fit with fewer parameters.
+const SIMPLER: usize = 2;
 
 /// Fraction of a parameter's range within which the end of the range is tried.
 const NEAR_END: f64 = 0.04;
@@ -50,21 +61,18 @@ pub struct Fitted<S> {
     pub log_relight: f64,
 }
 
-impl<S> Fitted<S> {
-    fn off(&self) -> f64 {
-        criterion((self.relight, self.log_relight))
-    }
-}
-
 /// Table to fit, and the sphere by which fits are compared.
+#[derive(Clone)]
 pub struct Fitter {
-    samples: Vec<Sample>,
+    samples: Arc<Vec<Sample>>,
+    relighters: Arc<[Relighter; 3]>,
+    sketch: Arc<Sketch>,
     floor: f64,
     body: DVec3,
     highlight: DVec3,
-    relighters: [Relighter; 3],
+    /// Picture of the table, exactly and by the sketch.
     picture: Vec<DVec3>,
-    sketch: Sketch,
+    sketched: Vec<DVec3>,
 }
 
 /// Pair of directions, and the logarithm of the table's value times the cosine of the light.
@@ -100,55 +108,117 @@ impl Fitter {
         let settings = IntegratorSettings { tolerance: 0.5, max_cells: 8000 };
         let relighters = Relighter::of_channels(&points, tables, &LightTree::of_map(&studio_light(64)), &settings);
         let picture = picture(&relighters, tables);
-        let sketch = Sketch::new(&relighters, tables);
-        Self { samples, floor, body, highlight, relighters, picture, sketch }
+        let (sketch, sketched) = Sketch::new(&relighters, tables);
+        let (samples, relighters, sketch) = (Arc::new(samples), Arc::new(relighters), Arc::new(sketch));
+        Self { samples, relighters, sketch, floor, body, highlight, picture, sketched }
     }
 
-    /// Fits a model from the most promising starts.
+    /// Returns the fitter of the table multiplied by a factor.
+    #[must_use]
+    pub fn scaled(&self, by: f64) -> Self {
+        let scaled = |picture: &[DVec3]| picture.iter().map(|p| by * *p).collect();
+        // The samples are relative to the floor.
+        Self {
+            floor: by * self.floor,
+            body: by * self.body,
+            highlight: by * self.highlight,
+            picture: scaled(&self.picture),
+            sketched: scaled(&self.sketched),
+            ..self.clone()
+        }
+    }
+
+    /// Returns the factor in `factors` by which the table is multiplied for the best fit of
+    /// [`Layered`]; of factors with similar errors, the first.
+    ///
+    /// A photograph under unknown light does not determine the scale of reflectance. The model
+    /// does: the reflectance of dielectrics at normal incidence is about 0.04, and albedos are
+    /// below one.
+    ///
+    /// # Panics
+    /// If there are no factors.
+    pub fn plausible_scale(&self, factors: &[f64]) -> f64 {
+        let all: Vec<usize> = (0..Layered::PARAMETERS.len()).collect();
+        let error = |&by: &f64| {
+            let fitter = self.scaled(by);
+            fitter.search::<Layered>(Layered::starts(fitter.body, fitter.highlight), &all, SIMPLER).0
+        };
+        let errors: Vec<f64> = factors.par_iter().map(error).collect();
+        let least = errors.iter().copied().fold(f64::INFINITY, f64::min);
+        let similar = errors.iter().position(|error| *error <= SIMILAR.0 * least + SIMILAR.1);
+        factors[similar.expect("at least one factor")]
+    }
+
+    /// Fits a model from the most promising starts, without the [`Shading::OPTIONAL`] parameters
+    /// that hardly improve the fit.
+    pub fn fit<S: Shading>(&self) -> Fitted<S> {
+        let starts = S::starts(self.body, self.highlight);
+        let mut free: Vec<usize> = (0..S::PARAMETERS.len()).collect();
+        let (mut least, mut parameters) = self.search::<S>(starts.clone(), &free, PROMISING);
+        let (mut disabled, mut found): (Vec<(usize, f64)>, _) = (Vec::new(), vec![parameters.clone()]);
+        for group in S::OPTIONAL {
+            let fewer: Vec<usize> = free.iter().copied().filter(|k| group.iter().all(|(g, _)| g != k)).collect();
+            let without = |mut start: Vec<f64>| {
+                disabled.iter().chain(*group).for_each(|(k, value)| start[*k] = *value);
+                start
+            };
+            let starts = starts.iter().cloned().chain([parameters.clone()]).map(without).collect();
+            let (error, simpler) = self.search::<S>(starts, &fewer, SIMPLER);
+            found.push(simpler.clone());
+            if error <= HARDLY.0 * least + HARDLY.1 {
+                (least, parameters, free) = (error, simpler, fewer);
+                disabled.extend(*group);
+            }
+        }
+        // The sketch does not resolve very sharp lobes, so the exact errors decide. Later fits have
+        // fewer parameters.
+        let mut judged: Vec<Fitted<S>> = found.par_iter().map(|parameters| self.judge(S::of(parameters))).collect();
+        let error = |fitted: &Fitted<S>| criterion((fitted.relight, fitted.log_relight));
+        let least = judged.iter().map(error).fold(f64::INFINITY, f64::min);
+        let simplest = judged.iter().rposition(|fitted| error(fitted) <= HARDLY.0 * least + HARDLY.1);
+        judged.swap_remove(simplest.unwrap_or(0))
+    }
+
+    /// Fits the `free` parameters of a model from the `promising` most promising starts. Returns
+    /// the least [`criterion`] and its parameters.
     ///
     /// A first search fits samples of the table; a second one refines its best results on the
     /// picture of a sphere, in which a peak has its visual weight. The result is the best model of
     /// both searches.
-    pub fn fit<S: Shading>(&self) -> Fitted<S> {
-        let starts = S::starts(self.body, self.highlight).into_par_iter();
-        let mut starts: Vec<(f64, Vec<f64>)> = starts.map(|start| (self.sketched(&S::of(&start)), start)).collect();
-        starts.sort_by(|a, b| a.0.total_cmp(&b.0));
-        starts.truncate(PROMISING);
+    fn search<S: Shading>(&self, starts: Vec<Vec<f64>>, free: &[usize], promising: usize) -> (f64, Vec<f64>) {
+        let judged = |parameters: Vec<f64>| (self.criterion_of(&S::of(&parameters)), parameters);
+        let best = |mut found: Vec<(f64, Vec<f64>)>, count: usize| {
+            found.sort_by(|a, b| a.0.total_cmp(&b.0));
+            found.truncate(count);
+            found
+        };
         let search = |start: &[f64], goal: Goal, patience: usize| {
-            let problem = Search::<S>::new(self, start, goal);
+            let problem = Search::<S>::new(self, start, free, goal);
             let (found, _) =
                 LevenbergMarquardt::new().with_patience(patience).with_ftol(1e-3).with_xtol(1e-3).minimize(problem);
             found.parameters()
         };
-        let first = starts.par_iter().map(|(_, start)| {
-            let found = search(start, Goal::Samples, 12);
-            (self.sketched(&S::of(&found)), found)
-        });
-        let mut first: Vec<(f64, Vec<f64>)> = first.collect();
-        first.sort_by(|a, b| a.0.total_cmp(&b.0));
-        first.truncate(REFINED);
-        let found = first.into_par_iter().flat_map_iter(|(_, at)| {
-            let refined = search(&at, Goal::Picture, 2);
-            [at, refined].map(|parameters| (self.judge(S::of(&parameters)), parameters))
-        });
-        let found: Vec<(Fitted<S>, Vec<f64>)> = found.collect();
-        let best = found.into_iter().min_by(|a, b| a.0.off().total_cmp(&b.0.off()));
-        let (mut best, mut parameters) = best.expect("every model has starting parameters");
+        let starts = best(starts.into_par_iter().map(judged).collect(), promising);
+        let first = starts.par_iter().map(|(_, start)| judged(search(start, Goal::Samples, 12)));
+        let first = best(first.collect(), REFINED);
+        let refined: Vec<_> = first.par_iter().map(|(_, at)| judged(search(at, Goal::Picture, 2))).collect();
+        let (mut least, mut parameters) =
+            best([first, refined].concat(), 1).pop().expect("every model has starting parameters");
         // The logistic function never reaches the ends of its range, so they are tried separately.
-        for (k, range) in S::PARAMETERS.iter().enumerate() {
+        for (k, range) in free.iter().map(|&k| (k, &S::PARAMETERS[k])) {
             for end in [range.low, range.high] {
                 if (parameters[k] - end).abs() < NEAR_END * (range.high - range.low) {
                     let inner = std::mem::replace(&mut parameters[k], end);
-                    let there = self.judge(S::of(&parameters));
-                    if there.off() <= best.off() {
-                        best = there;
+                    let there = self.criterion_of(&S::of(&parameters));
+                    if there <= least {
+                        least = there;
                     } else {
                         parameters[k] = inner;
                     }
                 }
             }
         }
-        best
+        (least, parameters)
     }
 
     /// Computes the errors of a model.
@@ -168,9 +238,8 @@ impl Fitter {
     }
 
     /// Returns the [`criterion`] of a model, approximated by the sketch.
-    fn sketched<S: Shading>(&self, model: &S) -> f64 {
-        let shown = self.sketch.picture(&self.sketch.values(|wi, wo| model.eval(wi, wo)));
-        criterion(self.errors(&self.sketch.target, &shown))
+    fn criterion_of<S: Shading>(&self, model: &S) -> f64 {
+        criterion(self.errors(&self.sketched, &self.sketch.picture_of(model)))
     }
 
     fn errors(&self, want: &[DVec3], shown: &[DVec3]) -> (f64, f64) {
@@ -201,93 +270,11 @@ fn picture(relighters: &[Relighter; 3], tables: &[BivariateTable; 3]) -> Vec<DVe
     r.into_iter().zip(g).zip(b).map(|((r, g), b)| DVec3::new(r, g, b).max(DVec3::ZERO)).collect()
 }
 
-/// Goal of a search.
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum Goal {
-    /// Match the values of the table.
-    Samples,
-    /// Match the picture of a sphere in a studio light.
-    Picture,
-}
-
-/// Parameters during a search, each limited to its range by a logistic function.
-struct Search<'a, S> {
-    fitter: &'a Fitter,
-    goal: Goal,
-    at: DVector<f64>,
-    model: std::marker::PhantomData<S>,
-}
-
-impl<'a, S: Shading> Search<'a, S> {
-    fn new(fitter: &'a Fitter, start: &[f64], goal: Goal) -> Self {
-        let inverse = |(x, p): (&f64, &super::Parameter)| {
-            let share = ((x - p.low) / (p.high - p.low)).clamp(0.005, 0.995);
-            (share / (1.0 - share)).ln()
-        };
-        let at = DVector::from_iterator(start.len(), start.iter().zip(S::PARAMETERS).map(inverse));
-        Self { fitter, goal, at, model: std::marker::PhantomData }
-    }
-
-    fn parameters(&self) -> Vec<f64> {
-        Self::within(&self.at)
-    }
-
-    fn within(at: &DVector<f64>) -> Vec<f64> {
-        let ranges = S::PARAMETERS.iter();
-        at.iter().zip(ranges).map(|(x, p)| p.low + (p.high - p.low) / (1.0 + (-x).exp())).collect()
-    }
-
-    fn off(&self, at: &DVector<f64>) -> Vec<f64> {
-        let model = S::of(&Self::within(at));
-        if self.goal == Goal::Picture {
-            let sketch = &self.fitter.sketch;
-            let shown = sketch.picture(&sketch.values(|wi, wo| model.eval(wi, wo)));
-            let mean = self.fitter.mean();
-            // The cube root is a compromise between the value, in which the peak dominates, and its
-            // logarithm, in which the peak is a few pixels of many.
-            let bright = |c: DVec3| c.to_array().map(|c| (c / mean + FLOOR).cbrt());
-            let pixels = shown.iter().zip(&sketch.target);
-            return pixels.flat_map(|(a, b)| (DVec3::from(bright(*a)) - DVec3::from(bright(*b))).to_array()).collect();
-        }
-        let each = |s: &Sample| {
-            let got = logs(model.eval(s.wi, s.wo) * s.wi.z, self.fitter.floor);
-            (got - s.logs).to_array()
-        };
-        self.fitter.samples.iter().flat_map(each).collect()
-    }
-}
-
-impl<S: Shading> LeastSquaresProblem<f64, Dyn, Dyn> for Search<'_, S> {
-    type ResidualStorage = Owned<f64, Dyn>;
-    type JacobianStorage = Owned<f64, Dyn, Dyn>;
-    type ParameterStorage = Owned<f64, Dyn>;
-
-    fn set_params(&mut self, x: &DVector<f64>) {
-        self.at.copy_from(x);
-    }
-
-    fn params(&self) -> DVector<f64> {
-        self.at.clone()
-    }
-
-    fn residuals(&self) -> Option<DVector<f64>> {
-        Some(DVector::from_vec(self.off(&self.at)))
-    }
-
-    fn jacobian(&self) -> Option<DMatrix<f64>> {
-        let (here, mut columns) = (self.off(&self.at), Vec::new());
-        for k in 0..self.at.len() {
-            let mut at = self.at.clone();
-            at[k] += STEP;
-            columns.extend(self.off(&at).iter().zip(&here).map(|(there, here)| (there - here) / STEP));
-        }
-        Some(DMatrix::from_vec(columns.len() / self.at.len(), self.at.len(), columns))
-    }
-}
-
 #[cfg(test)]
 mod tests {
-    use super::super::{ColourCookTorrance, ColourWard, Layered, MetallicRoughness, Principled};
+    use levenberg_marquardt::LeastSquaresProblem;
+
+    use super::super::{ColourCookTorrance, ColourWard, MetallicRoughness, Principled};
     use super::*;
 
     /// Fits a model to its own table.
@@ -300,20 +287,30 @@ mod tests {
 
     #[test]
     fn recovers_metallic_roughness() {
-        let got: MetallicRoughness = found_again(&[0.5, 0.2, 0.1, 0.05, 0.35, 1.5], 0.01);
+        let got: MetallicRoughness = found_again(&[0.5, 0.2, 0.1, 0.05, 0.35, 1.5, 1.0, 1.0, 1.0, 0.0, 0.02], 0.01);
         assert!((got.roughness - 0.35).abs() < 0.01 && (got.base_color.x - 0.5).abs() < 0.02, "{got:?}");
+        // Neither a coat nor a tint improves the fit.
+        assert!(got.clearcoat == 0.0 && got.specular_color == DVec3::ONE, "{got:?}");
     }
 
     #[test]
     fn recovers_a_layered_metal() {
-        let got: Layered = found_again(&[0.9, 0.6, 0.3, 1.0, 0.25, 1.5], 0.02);
+        let got: Layered = found_again(&[0.9, 0.6, 0.3, 1.0, 0.25, 1.5, 1.0, 1.0, 1.0, 0.0, 0.02], 0.02);
         assert!((got.roughness - 0.25).abs() < 0.01 && got.metalness > 0.9, "{got:?}");
     }
 
     #[test]
-    fn recovers_a_principled_body_with_sheen() {
+    fn recovers_a_principled_body() {
         let got: Principled = found_again(&[0.2, 0.3, 0.6, 0.0, 0.4, 1.5, 0.0, 0.0, 0.9], 0.02);
         assert!((got.roughness - 0.4).abs() < 0.02 && got.metallic < 0.1, "{got:?}");
+        assert!(got.sheen == 0.0 && got.clearcoat == 0.0, "{got:?}");
+    }
+
+    #[test]
+    fn recovers_a_sharp_coat_over_a_wide_lobe() {
+        let got: Layered = found_again(&[0.4, 0.1, 0.05, 0.0, 0.6, 1.5, 1.0, 1.0, 1.0, 0.9, 0.25], 0.03);
+        assert!((got.coat_roughness - 0.15).abs() < 0.02 && (got.coat_weight - 0.9).abs() < 0.15, "{got:?}");
+        assert!((got.roughness - 0.6).abs() < 0.06, "{got:?}");
     }
 
     #[test]
@@ -325,12 +322,30 @@ mod tests {
     }
 
     #[test]
+    fn recovers_the_scale_of_a_dark_plastic() {
+        let model = Layered::of(&[0.04, 0.03, 0.02, 0.0, 0.3, 1.5, 1.0, 1.0, 1.0, 0.0, 0.02]);
+        let tables = model.to_bivariate(FINE);
+        let brighter = 0.5 / BivariateTable::luminance(&tables).normal_albedo();
+        assert!(brighter > 5.0);
+        let fitter = Fitter::new(&tables.map(|table| table.scaled(brighter)));
+        let factors = [1.0, 0.6, 0.36, 0.22, 0.13, 0.08];
+        let found = fitter.plausible_scale(&factors) * brighter;
+        assert!((0.5..2.0).contains(&found), "{found}");
+        // A fit of the scaled table is the same as one of the table scaled before.
+        let fitted = fitter.scaled(1.0 / brighter).fit::<Layered>();
+        assert!(fitted.log_relight < 0.02 && (fitted.model.roughness - 0.3).abs() < 0.01, "{fitted:?}");
+    }
+
+    #[test]
     fn jacobian_matches_finite_differences() {
-        let tables = MetallicRoughness::of(&[0.5, 0.2, 0.1, 0.3, 0.35, 1.4]).to_bivariate(FINE);
+        let tables =
+            MetallicRoughness::of(&[0.5, 0.2, 0.1, 0.3, 0.35, 1.4, 1.0, 0.9, 0.8, 0.5, 0.4]).to_bivariate(FINE);
         let fitter = Fitter::new(&tables);
-        let search = Search::<MetallicRoughness>::new(&fitter, &[0.4, 0.3, 0.2, 0.2, 0.5, 1.5], Goal::Samples);
+        let (start, free) = ([0.4, 0.3, 0.2, 0.2, 0.5, 1.5, 0.9, 1.0, 0.8, 0.4, 0.3], [0, 1, 3, 4, 5, 7, 9, 10]);
+        let search = Search::<MetallicRoughness>::new(&fitter, &start, &free, Goal::Samples);
+        assert_eq!(search.parameters()[8], 0.8);
         let slopes = search.jacobian().unwrap();
-        for k in 0..6 {
+        for k in 0..free.len() {
             let mut at = search.at.clone();
             at[k] += 1e-3;
             let (far, near) = (search.off(&at), search.off(&search.at));

@@ -5,6 +5,7 @@ use glam::DVec3;
 use crate::reflectance::parametric::{HORIZON, directions};
 use crate::reflectance::{BivariateTable, CELLS, PHI_D, THETA_D, THETA_H, angles_of, theta_d_of, theta_h_of};
 use crate::render::Relighter;
+use crate::shading::Shading;
 use crate::transfer::kernels::{dispatch, dot};
 
 /// Step between the half angles at which a model is evaluated, in cells (dense at the peak).
@@ -29,13 +30,12 @@ pub(super) struct Sketch {
     cells: Vec<Vec<(DVec3, DVec3)>>,
     /// Weights of the cells for each point, by channel.
     matrix: [Vec<f32>; 3],
-    /// Picture of the table to fit.
-    pub(super) target: Vec<DVec3>,
 }
 
 impl Sketch {
-    /// Builds the sketch from the matrices of the whole sphere and the table to fit.
-    pub(super) fn new(relighters: &[Relighter; 3], tables: &[BivariateTable; 3]) -> Self {
+    /// Builds the sketch from the matrices of the whole sphere and the table to fit. Also returns
+    /// the picture of the table.
+    pub(super) fn new(relighters: &[Relighter; 3], tables: &[BivariateTable; 3]) -> (Self, Vec<DVec3>) {
         let along_h: Vec<usize> = (0..THETA_H).step_by(STEP_H).chain([THETA_H - 1]).collect();
         let (in_h, in_d) = (shares(&along_h, THETA_H), shares(&ALONG_D, THETA_D));
         let count = along_h.len() * ALONG_D.len();
@@ -64,11 +64,16 @@ impl Sketch {
             matrix
         });
         let places = along_h.iter().flat_map(|&h| ALONG_D.map(|d| (theta_h_of(h), theta_d_of(d))));
-        let mut sketch = Self { cells: places.clone().map(|(h, d)| above(h, d)).collect(), matrix, target: Vec::new() };
+        let sketch = Self { cells: places.clone().map(|(h, d)| above(h, d)).collect(), matrix };
         let values =
             places.map(|(h, d)| DVec3::from_array(tables.each_ref().map(|t| t.eval(h, d)))).collect::<Vec<_>>();
-        sketch.target = sketch.picture(&values);
-        sketch
+        let target = sketch.picture(&values);
+        (sketch, target)
+    }
+
+    /// Returns the picture of a model.
+    pub(super) fn picture_of<S: Shading>(&self, model: &S) -> Vec<DVec3> {
+        self.picture(&self.values(|wi, wo| model.eval(wi, wo)))
     }
 
     /// Returns the RGB values of a model in the cells.
@@ -114,7 +119,7 @@ fn shares(evaluated: &[usize], count: usize) -> Vec<[(usize, f32); 2]> {
 mod tests {
     use glam::DQuat;
 
-    use super::super::super::{MetallicRoughness, Shading};
+    use super::super::super::MetallicRoughness;
     use super::*;
     use crate::appearance::Lattice;
     use crate::lighting::studio_light;
@@ -123,18 +128,18 @@ mod tests {
     /// The approximate picture matches that of the whole table up to the interpolation error.
     #[test]
     fn sketch_approximates_the_picture() {
-        let model = MetallicRoughness::of(&[0.5, 0.2, 0.1, 0.3, 0.35, 1.4]);
+        let model = MetallicRoughness::of(&[0.5, 0.2, 0.1, 0.3, 0.35, 1.4, 1.0, 0.9, 0.8, 0.5, 0.9]);
         let tables = model.to_bivariate(AZIMUTHS);
         let settings = IntegratorSettings { tolerance: 0.5, max_cells: 8000 };
         let points = Lattice::new().points(DQuat::IDENTITY);
         let relighters = Relighter::of_channels(&points, &tables, &LightTree::of_map(&studio_light(32)), &settings);
-        let sketch = Sketch::new(&relighters, &tables);
+        let (sketch, target) = Sketch::new(&relighters, &tables);
         let drawn = sketch.picture(&sketch.values(|wi, wo| model.eval(wi, wo)));
         let exact: Vec<f64> = relighters[1].render(&tables[1]).into_iter().step_by(POINTS).collect();
         let all: f64 = exact.iter().map(|e| e * e).sum();
         let off: f64 = drawn.iter().zip(&exact).map(|(a, e)| (a.y - e).powi(2)).sum();
         assert!((off / all).sqrt() < 0.03, "{}", (off / all).sqrt());
-        let own: f64 = drawn.iter().zip(&sketch.target).map(|(a, b)| (*a - *b).length_squared()).sum();
+        let own: f64 = drawn.iter().zip(&target).map(|(a, b)| (*a - *b).length_squared()).sum();
         assert!((own / (3.0 * all)).sqrt() < 0.01, "{}", (own / all).sqrt());
     }
 

@@ -8,6 +8,7 @@ mod camera;
 mod captured;
 mod colour;
 mod data;
+mod exports;
 mod folds;
 mod lights;
 mod materials;
@@ -64,6 +65,8 @@ enum Command {
     Camera(camera::Options),
     /// Evaluates the prior of materials on materials that it was not built from.
     Prior(prior::Options),
+    /// Measures errors of the models of renderers that `gonio export` fits to measured materials.
+    Exports(exports::Options),
     /// Cross-validates the learnt posterior on training materials in training lights.
     Folds(folds::Options),
     /// Measures errors of estimates from several photographs of one material, and from several
@@ -89,6 +92,7 @@ fn main() -> ExitCode {
         Command::Captured(options) => captured::run(&data, &options),
         Command::Bench(options) => bench::bench(&data, &options),
         Command::Camera(options) => camera::run(&data, &options),
+        Command::Exports(options) => exports::run(&data, &options),
         Command::Folds(options) => folds::run(&data, &options),
         Command::Prior(options) => prior::run(&data, &options),
         Command::Together(options) => together::run(&data, &options),

@@ -141,7 +141,7 @@ impl Fitter {
         let all: Vec<usize> = (0..Layered::PARAMETERS.len()).collect();
         let error = |&by: &f64| {
             let fitter = self.scaled(by);
-            fitter.search::<Layered>(Layered::starts(fitter.body, fitter.highlight), &all, SIMPLER).0
+            fitter.search::<Layered>(Layered::starts(fitter.body, fitter.highlight), &all, SIMPLER, 1).0
         };
         let errors: Vec<f64> = factors.par_iter().map(error).collect();
         let least = errors.iter().copied().fold(f64::INFINITY, f64::min);
@@ -154,7 +154,7 @@ impl Fitter {
     pub fn fit<S: Shading>(&self) -> Fitted<S> {
         let starts = S::starts(self.body, self.highlight);
         let mut free: Vec<usize> = (0..S::PARAMETERS.len()).collect();
-        let (mut least, mut parameters) = self.search::<S>(starts.clone(), &free, PROMISING);
+        let (mut least, mut parameters) = self.search::<S>(starts.clone(), &free, PROMISING, REFINED);
         let (mut disabled, mut found): (Vec<(usize, f64)>, _) = (Vec::new(), vec![parameters.clone()]);
         for group in S::OPTIONAL {
             let fewer: Vec<usize> = free.iter().copied().filter(|k| group.iter().all(|(g, _)| g != k)).collect();
@@ -163,7 +163,7 @@ impl Fitter {
                 start
             };
             let starts = starts.iter().cloned().chain([parameters.clone()]).map(without).collect();
-            let (error, simpler) = self.search::<S>(starts, &fewer, SIMPLER);
+            let (error, simpler) = self.search::<S>(starts, &fewer, SIMPLER, REFINED);
             found.push(simpler.clone());
             if error <= HARDLY.0 * least + HARDLY.1 {
                 (least, parameters, free) = (error, simpler, fewer);
@@ -182,10 +182,16 @@ impl Fitter {
     /// Fits the `free` parameters of a model from the `promising` most promising starts. Returns
     /// the least [`criterion`] and its parameters.
     ///
-    /// A first search fits samples of the table; a second one refines its best results on the
-    /// picture of a sphere, in which a peak has its visual weight. The result is the best model of
-    /// both searches.
-    fn search<S: Shading>(&self, starts: Vec<Vec<f64>>, free: &[usize], promising: usize) -> (f64, Vec<f64>) {
+    /// A first search fits samples of the table; a second one refines its `refined` best results on
+    /// the picture of a sphere, in which a peak has its visual weight. The result is the best model
+    /// of both searches.
+    fn search<S: Shading>(
+        &self,
+        starts: Vec<Vec<f64>>,
+        free: &[usize],
+        promising: usize,
+        refined: usize,
+    ) -> (f64, Vec<f64>) {
         let judged = |parameters: Vec<f64>| (self.criterion_of(&S::of(&parameters)), parameters);
         let best = |mut found: Vec<(f64, Vec<f64>)>, count: usize| {
             found.sort_by(|a, b| a.0.total_cmp(&b.0));
@@ -200,8 +206,9 @@ impl Fitter {
         };
         let starts = best(starts.into_par_iter().map(judged).collect(), promising);
         let first = starts.par_iter().map(|(_, start)| judged(search(start, Goal::Samples, 12)));
-        let first = best(first.collect(), REFINED);
-        let refined: Vec<_> = first.par_iter().map(|(_, at)| judged(search(at, Goal::Picture, 2))).collect();
+        let first = best(first.collect(), refined.max(1));
+        let refined: Vec<_> =
+            first.par_iter().take(refined).map(|(_, at)| judged(search(at, Goal::Picture, 2))).collect();
         let (mut least, mut parameters) =
             best([first, refined].concat(), 1).pop().expect("every model has starting parameters");
         // The logistic function never reaches the ends of its range, so they are tried separately.

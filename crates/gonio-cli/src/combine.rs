@@ -8,7 +8,7 @@ use gonio_app::{ProgressLog, combine};
 use serde_json::json;
 
 use crate::input;
-use crate::outcome::{Outcome, sharpness};
+use crate::outcome::Outcome;
 use crate::progress::Stages;
 use crate::suggestion::plain;
 
@@ -41,7 +41,7 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     let text = format!(
         "{output}: BRDF, pictures and result.json from {} photographs\n{}",
         given.len(),
-        sharpness(&answer.material)
+        answer.material.verdict()
     );
     let mut outcome = Outcome::new(text, json!({ "output": output }));
     let mut notes = answer.notes;

@@ -13,7 +13,7 @@ use gonio_io::atomic::StagedFolder;
 use serde_json::{Value, json};
 
 use crate::input;
-use crate::outcome::{Outcome, sharpness};
+use crate::outcome::Outcome;
 use crate::progress::Stages;
 use crate::scene::SceneOptions;
 use crate::space::OutputSpace;
@@ -339,7 +339,7 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
         text += &format!("\nball {sureness}");
     }
     if let Some(material) = &answer.material {
-        text += &format!("\n{}", sharpness(material));
+        text += &format!("\n{}", material.verdict());
     }
     text += &albedo_by_reference(&answer.notes["reference"]);
     // Sections of result.json that are also printed with --json.

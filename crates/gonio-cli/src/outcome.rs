@@ -1,6 +1,5 @@
 //! Prints the result of a command as text, or as JSON with `--json`.
 
-use gonio::estimate::Material;
 use serde_json::{Map, Value, json};
 
 use crate::progress::is_quiet;
@@ -40,13 +39,4 @@ impl Outcome {
             println!("{}", lines(&self.text));
         }
     }
-}
-
-/// Describes the sharpness of a highlight in one line, each number with its 90 % interval.
-pub(crate) fn sharpness(material: &Material) -> String {
-    let ([low, median, high], [sharp, middle, dull]) = (material.gloss, material.highlight.alpha);
-    format!(
-        "gloss {median:.1} (90 % interval {low:.1} to {high:.1}), GGX alpha {middle:.3} ({sharp:.3} to {dull:.3}): {}",
-        material.verdict()
-    )
 }

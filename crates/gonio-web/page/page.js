@@ -12,7 +12,6 @@
     ["light.exr", "Light as a lat-long map"],
     ["result.json", "All numbers with their uncertainty"],
   ];
-  const GLOSSES = [[3, "matte"], [30, "satin"], [1000, "glossy"], [Infinity, "mirror-like"]];
 
   const at = (id) => document.getElementById(id);
   const make = (name, properties = {}, ...children) => {
@@ -22,7 +21,6 @@
   };
   const show = (...ids) => ids.forEach((id) => (at(id).hidden = false));
   const percent = (x) => `${(100 * x).toFixed(x < 0.095 ? 1 : 0)} %`;
-  const round = (x) => (x < 10 ? x.toFixed(1) : Number(x.toPrecision(2)).toLocaleString("en"));
   const bytesOf = (id) => Uint8Array.from(atob(at(id).textContent), (c) => c.charCodeAt(0));
   const urls = (parts, type) => URL.createObjectURL(new Blob(parts, { type }));
 
@@ -164,13 +162,9 @@
     run.viewer.ready.then((drawn) => (document.documentElement.dataset.viewer = drawn ? "drawn" : "none"));
   }
 
-  function words({ gloss: [low, middle, high], open, diagnostics, neighbours, coloured }) {
-    const named = (value) => GLOSSES.find(([limit]) => value < limit)[1];
-    const kinds = [...new Set([low, middle, high].map(named))];
-    const kind = kinds.length === 1 ? kinds[0] : `${kinds[0]} to ${kinds.at(-1)}`;
+  function words({ verdict, open, diagnostics, neighbours, coloured }) {
     const facts = {
-      Gloss: `${kind[0].toUpperCase()}${kind.slice(1)}: the peak of the BRDF is ${round(middle)} times its value far from the ` +
-        `highlight (90 % interval ${round(low)} to ${round(high)}).`,
+      Finish: `${verdict[0].toUpperCase()}${verdict.slice(1)}.`,
       Undetermined: `The photograph does not determine ${percent(open)} of the BRDF.`,
       Colour: coloured ? "Each channel of the BRDF is estimated from the same channel of the photograph. The light is assumed to be neutral."
         : "None, because the photograph is grey.",

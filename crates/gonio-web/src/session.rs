@@ -148,7 +148,7 @@ impl Session {
         let neighbours: Vec<Value> =
             material.neighbours.iter().map(|n| json!({ "name": n.name, "weight": n.weight })).collect();
         let notes = json!({
-            "gloss": material.gloss,
+            "verdict": material.verdict(),
             "open": material.open,
             "diagnostics": material.diagnostics().iter().map(ToString::to_string).collect::<Vec<_>>(),
             "neighbours": neighbours,

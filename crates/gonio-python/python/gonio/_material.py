@@ -248,7 +248,7 @@ class Material(Result):
 
     @property
     def verdict(self) -> str:
-        """Uncertainty of height and width of the highlight, in words."""
+        """Finish in words, roughness with its 90 % interval, and how well the peak height is known."""
         return self._found["verdict"]
 
     @property

@@ -177,9 +177,10 @@ class Posterior(Material, OfPhotograph):
         )
         return self._page(
             [
-                ("gloss", f"{median:.3g} &nbsp; <small>90 %: {low:.3g} to {high:.3g}; {escaped(self.verdict)}</small>"),
+                ("finish", escaped(self.verdict)),
                 ("GGX alpha", f"{middle:.2g} &nbsp; <small>90 %: {sharp:.2g} to {dull:.2g}; roughness is its square root</small>"),
                 ("gloss units", f"{units} <small>for an albedo of {self.brdf.albedo:.2g}</small>"),
+                ("peak to body", f"{median:.2g} &nbsp; <small>90 %: {low:.2g} to {high:.2g}</small>"),
                 ("most similar highlight (not colour)", ", ".join(f"{escaped(n)} ({100 * w:.0f}&nbsp;%)" for n, w in self.materials[:3])),
                 ("undetermined", f"{100 * self.open:.0f} % of the BRDF's cells"),
                 ("misfit", f"{100 * self.misfit:.1f} %"),

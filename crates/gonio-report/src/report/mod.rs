@@ -71,15 +71,15 @@ impl Report<'_> {
 
     /// States the estimate and its uncertainty in one sentence.
     fn answer(&self) -> Markup {
-        let kind = self.subject.material.and_then(|m| Some((m, m.neighbours.first()?)));
         html! {
             p.answer {
-                @match (kind, self.subject.material) {
-                    (Some((material, nearest)), _) => {
-                        "The highlight is most similar to that of " strong { (nearest.name) } "; " (material.verdict()) "."
+                @match self.subject.material {
+                    Some(material) => {
+                        @let verdict = material.verdict();
+                        @let rest = verdict.strip_prefix(material.finish().name()).unwrap_or(&verdict);
+                        strong { (material.finish().name()) } (rest) "."
                     }
-                    (None, Some(material)) => { "Highlight: " (material.verdict()) "." }
-                    (None, None) => { "This BRDF explains the photograph best. The method does not estimate its uncertainty." }
+                    None => { "This BRDF explains the photograph best. The method does not estimate its uncertainty." }
                 }
             }
         }
@@ -330,23 +330,19 @@ fn facts(material: &Material, result: &Value) -> Markup {
     };
     html! {
         dl.facts {
-            @if let Some(nearest) = nearest {
-                div { dt { "most similar highlight" } dd { strong { (nearest.name) } " (weight " (percent(nearest.weight)) " among the measured materials)"
-                    span.note { " (similar in the lobe, regardless of colour)" } } }
-            }
             div {
-                dt { "gloss" }
-                dd { (interval(material.gloss)) span.note { (SCALE) } }
+                dt { "roughness" }
+                dd { (interval(material.highlight.roughness())) span.note { " (as in the principled BSDFs of Mitsuba and Blender)" } }
             }
             div {
                 dt { "GGX alpha" }
-                dd { (interval(material.highlight.alpha)) span.note { " (GGX lobe of equal sharpness)" } }
-            }
-            div {
-                dt { "roughness" }
-                dd { (interval(material.highlight.roughness())) span.note { " (square root of alpha, as in the principled BSDFs of Mitsuba and Blender)" } }
+                dd { (interval(material.highlight.alpha)) span.note { " (square of the roughness)" } }
             }
             (units(&result["posterior"]["gloss"]["units"], result["reflectance"]["absolute"].as_bool() == Some(true)))
+            div {
+                dt { "peak to body" }
+                dd { (interval(material.gloss)) span.note { (SCALE) } }
+            }
             div {
                 dt { "uncertainty" }
                 dd {
@@ -357,6 +353,10 @@ fn facts(material: &Material, result: &Value) -> Markup {
                 }
             }
             (colours(result))
+            @if let Some(nearest) = nearest {
+                div { dt { "most similar highlight" } dd { (nearest.name) " (weight " (percent(nearest.weight)) " among the measured materials)"
+                    span.note { " (similar in the lobe, regardless of colour)" } } }
+            }
         }
     }
 }
@@ -394,7 +394,7 @@ fn colours(result: &Value) -> Markup {
 }
 
 /// Description of the scale of the gloss.
-const SCALE: &str = " (ratio of peak to base: about 1 for chalk, tens for satin paint, thousands for polished \
+const SCALE: &str = " (about 1 for chalk, tens for satin paint, thousands for polished \
     metal, above 100,000 for a mirror)";
 
 /// Shows gloss units with the albedo for which they hold, if known.

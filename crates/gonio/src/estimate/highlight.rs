@@ -21,6 +21,45 @@ pub struct Highlight {
     pub units: [[f64; 3]; 2],
 }
 
+/// Finish of a surface in words.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Finish {
+    /// Roughness of at least 0.6.
+    Matte,
+    /// Roughness of 0.4 to 0.6.
+    Satin,
+    /// Roughness of 0.25 to 0.4.
+    SemiGloss,
+    /// Roughness of 0.1 to 0.25.
+    Gloss,
+    /// Roughness below 0.1.
+    Mirror,
+}
+
+impl Finish {
+    /// Returns the finish of a surface with this roughness.
+    fn of(roughness: f64) -> Self {
+        match roughness {
+            r if r < 0.1 => Self::Mirror,
+            r if r < 0.25 => Self::Gloss,
+            r if r < 0.4 => Self::SemiGloss,
+            r if r < 0.6 => Self::Satin,
+            _ => Self::Matte,
+        }
+    }
+
+    /// Returns the name of the finish.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Matte => "matte",
+            Self::Satin => "satin",
+            Self::SemiGloss => "semi-gloss",
+            Self::Gloss => "gloss",
+            Self::Mirror => "mirror",
+        }
+    }
+}
+
 impl Highlight {
     pub(super) fn of(posterior: &MaterialPosterior) -> Self {
         let (widths, shares) = (GgxWidths::new(), [0.05, 0.5, 0.95]);
@@ -62,15 +101,31 @@ impl Material {
         wide as f64 / all as f64
     }
 
-    /// Describes the uncertainty of the height and width of the highlight.
+    /// Returns the finish by the median roughness of the highlight.
+    pub fn finish(&self) -> Finish {
+        Finish::of(self.highlight.roughness()[1])
+    }
+
+    /// Describes finish, roughness and certainty in one line, with 90 % intervals.
     pub fn verdict(&self) -> String {
-        let say = |factor: f64| {
-            let how = if factor > WIDE { "uncertain by" } else { "known to" };
-            let digits = usize::from(factor < 9.95);
-            format!("{how} a factor of {factor:.digits$}")
-        };
-        let [sharp, _, dull] = self.highlight.alpha;
-        let (height, width) = (say(self.gloss_factor()), say(dull / sharp));
-        format!("peak height (gloss) {height}, width (alpha) {width}")
+        let [sharp, roughness, dull] = self.highlight.roughness();
+        let factor = self.gloss_factor();
+        let how = if factor > WIDE { "uncertain by" } else { "known to" };
+        let digits = usize::from(factor < 9.95);
+        format!(
+            "{}: roughness {roughness:.2} ({sharp:.2} to {dull:.2}); peak height {how} a factor of {factor:.digits$}",
+            self.finish().name()
+        )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn smoother_surfaces_have_a_higher_finish() {
+        let names = [0.02, 0.1, 0.3, 0.41, 0.6, 1.0].map(|roughness| Finish::of(roughness).name());
+        assert_eq!(names, ["mirror", "gloss", "semi-gloss", "satin", "matte", "matte"]);
     }
 }

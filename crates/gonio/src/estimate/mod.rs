@@ -27,7 +27,7 @@ use chromatic_light::Rows;
 pub use colouring::{Colouring, ColouringRule};
 pub use combine::{Combined, combine};
 pub use diagnostic::Diagnostic;
-pub use highlight::{Highlight, WIDE};
+pub use highlight::{Finish, Highlight, WIDE};
 pub use known_light::{LitEstimate, estimate_under};
 pub use light::{Light, LightEstimator};
 pub use material::{ALBEDO, Material, SHARES, draws};

@@ -210,7 +210,7 @@ fn posterior(material: &Material, albedo: f64) -> Value {
             "roughness": three(material.highlight.roughness()),
             "units": { "albedo": albedo, "20": at_20, "60": at_60 },
             "note": "5, 50 and 95 % quantiles of the ratio of the BRDF along the normal to its mean at half angles above 45 degrees; \
-                     factor: the 95 % quantile over the 5 % quantile; finish: by the median roughness (mirror below 0.1, gloss below 0.25, semi-gloss below 0.4, satin below 0.6, matte); ggx_alpha: width of the GGX lobe of equal sharpness (lobes above 0.56 have 0.5 to 0.56; 1 without a highlight); \
+                     factor: the 95 % quantile over the 5 % quantile; finish: the duller of the finishes by the median roughness (mirror below 0.1, gloss below 0.25, semi-gloss below 0.4, satin below 0.6, matte) and by the median gloss units at 60 degrees for an albedo of 0.5 (matte below 10, satin below 35, semi-gloss below 70); ggx_alpha: width of the GGX lobe of equal sharpness (lobes above 0.56 have 0.5 to 0.56; 1 without a highlight); \
                      roughness: square root of ggx_alpha, as in the principled BSDFs of Mitsuba and Blender; units: gloss units at 20 and 60 degrees (ASTM D523) for the albedo stated here; \
                      gloss units are proportional to the albedo, which a photograph under unknown light does not determine",
         },

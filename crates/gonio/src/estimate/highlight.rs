@@ -21,14 +21,14 @@ pub struct Highlight {
     pub units: [[f64; 3]; 2],
 }
 
-/// Finish of a surface in words.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// Finish of a surface in words, in increasing order.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Finish {
-    /// Roughness of at least 0.6.
+    /// Roughness of at least 0.6, or fewer than 10 gloss units.
     Matte,
-    /// Roughness of 0.4 to 0.6.
+    /// Roughness of 0.4 to 0.6, or 10 to 35 gloss units.
     Satin,
-    /// Roughness of 0.25 to 0.4.
+    /// Roughness of 0.25 to 0.4, or 35 to 70 gloss units.
     SemiGloss,
     /// Roughness of 0.1 to 0.25.
     Gloss,
@@ -37,15 +37,26 @@ pub enum Finish {
 }
 
 impl Finish {
-    /// Returns the finish of a surface with this roughness.
-    fn of(roughness: f64) -> Self {
-        match roughness {
+    /// Returns the finish of a surface with this roughness and these gloss units at 60 degrees: the
+    /// duller of the two finishes that they imply.
+    ///
+    /// A rough highlight is dull even if the surface reflects much light, and so is a sharp
+    /// highlight that is hardly brighter than the body.
+    fn of(roughness: f64, units: f64) -> Self {
+        let by_roughness = match roughness {
             r if r < 0.1 => Self::Mirror,
             r if r < 0.25 => Self::Gloss,
             r if r < 0.4 => Self::SemiGloss,
             r if r < 0.6 => Self::Satin,
             _ => Self::Matte,
-        }
+        };
+        let by_units = match units {
+            units if units < 10.0 => Self::Matte,
+            units if units < 35.0 => Self::Satin,
+            units if units < 70.0 => Self::SemiGloss,
+            _ => Self::Mirror,
+        };
+        by_roughness.min(by_units)
     }
 
     /// Returns the name of the finish.
@@ -101,9 +112,10 @@ impl Material {
         wide as f64 / all as f64
     }
 
-    /// Returns the finish by the median roughness of the highlight.
+    /// Returns the finish by the medians of roughness and gloss units, for an albedo of [`ALBEDO`].
     pub fn finish(&self) -> Finish {
-        Finish::of(self.highlight.roughness()[1])
+        let [_, at_60] = self.highlight.units;
+        Finish::of(self.highlight.roughness()[1], at_60[1])
     }
 
     /// Describes finish, roughness and certainty in one line, with 90 % intervals.
@@ -125,7 +137,14 @@ mod tests {
 
     #[test]
     fn smoother_surfaces_have_a_higher_finish() {
-        let names = [0.02, 0.1, 0.3, 0.41, 0.6, 1.0].map(|roughness| Finish::of(roughness).name());
+        let names = [0.02, 0.1, 0.3, 0.41, 0.6, 1.0].map(|roughness| Finish::of(roughness, 100.0).name());
         assert_eq!(names, ["mirror", "gloss", "semi-gloss", "satin", "matte", "matte"]);
+    }
+
+    #[test]
+    fn weak_highlights_are_dull() {
+        let names = [2.0, 20.0, 50.0, 70.0].map(|units| Finish::of(0.18, units).name());
+        assert_eq!(names, ["matte", "satin", "semi-gloss", "gloss"]);
+        assert_eq!(Finish::of(0.5, 1000.0), Finish::Satin);
     }
 }

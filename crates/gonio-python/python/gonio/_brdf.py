@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import json
 import os
+import warnings
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -16,7 +17,7 @@ from ._arguments import Array, Camera, Path, Picture, Progress, Shape
 from ._arrays import array_of, floats
 from ._checks import choice, flag, listener, positive, shown, space, space_if_given, text
 from ._convert import data_array, mitsuba_bsdf
-from ._errors import GonioError
+from ._errors import GonioError, GonioWarning
 from ._files import light_map
 from ._render import drawn, frame
 from ._show import escaped, tonemapped
@@ -248,6 +249,11 @@ class Brdf:
         dict
             Contents of ``export.json``: the files and their errors.
 
+        Warns
+        -----
+        GonioWarning
+            If a model cannot represent the BRDF.
+
         Examples
         --------
         >>> summary = found.brdf.export(folder / "export", ["merl", "ward"])
@@ -278,6 +284,8 @@ class Brdf:
             listeners,
         )
         summary: dict[str, Any] = json.loads(told)
+        for message in summary["warnings"]:
+            warnings.warn(message, GonioWarning, stacklevel=2)
         return summary
 
     def render(self, light: Picture | None = None, **options: Any) -> Floats:

@@ -159,7 +159,7 @@ fn is_near(found: &Circle, want: &Circle, share: f64) -> bool {
 
 #[test]
 fn detects_or_rejects_balls_on_textures() {
-    const SEEDS: u64 = 6;
+    const SEEDS: u64 = 8;
     let (mut right, mut wrong) = (0, Vec::new());
     for (kind, backdrop) in BACKDROPS.into_iter().enumerate() {
         for seed in 0..SEEDS {
@@ -181,7 +181,7 @@ fn detects_or_rejects_balls_on_textures() {
 fn detects_no_ball_in_backdrops_alone() {
     let mut found = Vec::new();
     for (kind, backdrop) in BACKDROPS.into_iter().enumerate() {
-        for seed in 0..4 {
+        for seed in 0..6 {
             let mut rng = Pcg64::seed_from_u64(50_000 + 1000 * kind as u64 + seed);
             let behind = scenery(backdrop, &SETS[seed as usize % SETS.len()], &mut rng);
             let rgb = Plane::from_fn(WIDTH, HEIGHT, |x, y| behind(x as f64 + 0.5, y as f64 + 0.5));

@@ -20,7 +20,6 @@ use gonio_report::panels::{Panels, Subject};
 use gonio_report::report::{Fits, Report};
 use serde_json::{Map, Value, json};
 
-use crate::export::FACTORS;
 use crate::notes::{self, ResultDocument};
 use crate::{Method, ObservedScene, Problem, ProgressLog, Scene, Settings, Source, Warning, basis, combine, reference};
 
@@ -218,7 +217,7 @@ pub(crate) fn solve(
             let ask = settings.estimate(*rule);
             let wanted = settings.pictures && settings.report;
             let fit = |table: &BivariateTable, colouring: &Colouring| {
-                wanted.then(|| Fits::of(&colouring.field().tables(table), &FACTORS))
+                wanted.then(|| Fits::of(&colouring.field().tables(table), false))
             };
             let (found, fits) = estimate_beside(model, observations, &ask, &begin, fit).map_err(blame)?;
             Ok(Found { fits, ..Found::blind(found, notes::settings(&ask, linear), warnings) })
@@ -323,7 +322,7 @@ pub(crate) fn assemble(
         colouring,
     };
     let absolute = sections["reflectance"]["absolute"] == true;
-    let fits = settings.pictures.then(|| answer.draw((settings.report, absolute), fits, progress_log)).flatten();
+    let fits = settings.pictures.then(|| answer.draw(settings.report, absolute, fits, progress_log)).flatten();
     let seconds = progress_log.seconds();
     let total: f64 = seconds.iter().map(|(_, seconds)| seconds).sum();
     let (used, (word, left)) = (answer.seen.detection.observations.report.used_pixels, answer.left);
@@ -375,17 +374,17 @@ impl InferenceResult {
     /// exist.
     fn draw(
         &mut self,
-        (report, absolute): (bool, bool),
+        report: bool,
+        absolute: bool,
         fits: Option<Fits>,
         progress_log: &ProgressLog<'_>,
     ) -> Option<Fits> {
         progress_log.at("drawing", 0.0);
         let subject = self.subject();
         let tables = subject.coloured(&self.table.scaled(self.scale));
-        let factors: &[f64] = if absolute { &[] } else { &FACTORS };
         let (panels, fits) = rayon::join(
             || Panels::draw(&subject, &|x| progress_log.at("drawing", x)),
-            || fits.or_else(|| report.then(|| Fits::of(&tables, factors))),
+            || fits.or_else(|| report.then(|| Fits::of(&tables, absolute))),
         );
         self.panels = Some(panels);
         fits

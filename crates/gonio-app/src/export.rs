@@ -13,8 +13,8 @@ use serde_json::{Map, Value, json};
 use gonio_io::atomic::StagedFolder;
 use gonio_io::colour_space::ColourSpace;
 use gonio_io::material::{
-    LARGE_ERROR, Place, blender_scene, fit_note, glb_sphere, materialx, mitsuba_measured, mitsuba_principled,
-    mitsuba_scene,
+    Place, blender_scene, fit_note, glb_sphere, materialx, mitsuba_measured, mitsuba_principled, mitsuba_scene,
+    poor_fit,
 };
 use gonio_io::picture::encode_exr_in;
 use gonio_io::{Error, merl, notes, rgl};
@@ -35,9 +35,6 @@ const MEASURED: [(&str, &str); 2] =
 
 /// File of Mitsuba's `principled` material.
 const PRINCIPLED: &str = "principled.xml";
-
-/// Factors by which a BRDF of unknown scale may be scaled, from an albedo of 0.5 downwards.
-pub const FACTORS: [f64; 7] = [1.0, 0.6, 0.36, 0.22, 0.13, 0.08, 0.05];
 
 /// Export format.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -150,7 +147,7 @@ impl Export {
         let (scale, source) = match albedo {
             Some(albedo) => (albedo / measured, "option"),
             None if absolute || !targets.iter().any(|target| target.limits_scale()) => (1.0, "input"),
-            None => (fitter.plausible_scale(&FACTORS), "fit"),
+            None => (fitter.plausible_scale(), "fit"),
         };
         if scale != 1.0 {
             tables = tables.map(|table| table.scaled(scale));
@@ -402,12 +399,7 @@ impl Writer<'_> {
         note: &str,
     ) -> Result<(), Error> {
         self.folder.write(file, bytes)?;
-        if fitted.relight > LARGE_ERROR {
-            self.warnings.push(format!(
-                "{file}: this model cannot represent the BRDF: the relative error of a relit sphere is {:.0} %; use the tensor (target bsdf)",
-                100.0 * fitted.relight
-            ));
-        }
+        self.warnings.extend(poor_fit(fitted.relight).map(|problem| format!("{file}: {problem}")));
         self.note(
             target,
             json!({

@@ -6,7 +6,6 @@ use anyhow::Result;
 use gonio::estimate::ALBEDO;
 use gonio::reflectance::BivariateTable;
 use gonio::shading::{ColourCookTorrance, Fitted, Fitter, Layered, MetallicRoughness, Principled};
-use gonio_app::export::FACTORS;
 
 use crate::materials::Materials;
 use crate::metrics::median;
@@ -37,7 +36,7 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
         let scale = ALBEDO / BivariateTable::luminance(&tables).normal_albedo();
         let fitter = Fitter::new(&tables.map(|table| table.scaled(scale)));
         fixed.push(errors(&fitter));
-        let factor = fitter.plausible_scale(&FACTORS);
+        let factor = fitter.plausible_scale();
         let found = errors(&fitter.scaled(factor));
         println!("| {} | {:.2} | {} |", materials.names[at], ALBEDO * factor, row(&found));
         fitted.push(found);

@@ -24,17 +24,24 @@ const SIZE: usize = 256;
 const HALF_WIDTH: f64 = 0.5 * SIZE as f64 / (0.5 * SIZE as f64 - 2.0);
 
 /// Relight error above which a model does not represent a BRDF.
-pub const LARGE_ERROR: f64 = 0.2;
+const LARGE_ERROR: f64 = 0.2;
 
-/// Returns the comment on a fitted model: its relight error, and advice if the error is large.
+/// Returns a warning if the relight error of a fitted model is large.
+pub fn poor_fit(relight: f64) -> Option<String> {
+    (relight > LARGE_ERROR).then(|| {
+        format!(
+            "this model cannot represent the BRDF: the relative error of a relit sphere is {:.0} %; use the tensor \
+             (target bsdf of gonio export)",
+            100.0 * relight
+        )
+    })
+}
+
+/// Returns the comment on a fitted model: its relight error, or the warning of [`poor_fit`].
 pub fn fit_note(relight: f64) -> String {
-    let advice = if relight > LARGE_ERROR {
-        ": this model cannot represent the BRDF; use the tensor (target bsdf of gonio export)"
-    } else {
-        ""
-    };
     // XML does not allow two hyphens in a comment.
-    format!("Fitted by gonio; relative error of a relit sphere: {:.0} %{advice}", 100.0 * relight)
+    poor_fit(relight)
+        .unwrap_or_else(|| format!("Fitted by gonio; relative error of a relit sphere: {:.0} %", 100.0 * relight))
 }
 
 /// Converts a name to an identifier of XML and Python.

@@ -2,7 +2,7 @@
 
 use gonio::reflectance::BivariateTable;
 use gonio::shading::{Fitted, Fitter, Layered, MetallicRoughness, Principled};
-use gonio_io::material::{LARGE_ERROR, Place, blender_script, fit_note, gltf_material, materialx, mitsuba_principled};
+use gonio_io::material::{Place, blender_script, fit_note, gltf_material, materialx, mitsuba_principled, poor_fit};
 use maud::{Markup, html};
 
 use super::percent;
@@ -24,12 +24,12 @@ pub struct Fits {
 impl Fits {
     /// Fits the models to linear RGB tables in 1/sr. This takes about two seconds on one core.
     ///
-    /// If the scale of the tables is unknown, they are first scaled by the factor in `factors` at
-    /// which [`Layered`] fits best.
-    pub fn of(tables: &[BivariateTable; 3], factors: &[f64]) -> Self {
+    /// Unless the scale of the tables is known (`absolute`), they are first scaled by
+    /// [`Fitter::plausible_scale`].
+    pub fn of(tables: &[BivariateTable; 3], absolute: bool) -> Self {
         let mut fitter = Fitter::new(tables);
-        let albedo = (!factors.is_empty()).then(|| {
-            let factor = fitter.plausible_scale(factors);
+        let albedo = (!absolute).then(|| {
+            let factor = fitter.plausible_scale();
             fitter = fitter.scaled(factor);
             factor * BivariateTable::luminance(tables).normal_albedo()
         });
@@ -61,9 +61,7 @@ fn block(id: &str, title: &str, off: f64, width: &str, text: &str) -> Markup {
     html! {
         details.copied open[id == "mitsuba"] {
             summary { (title) span.note { " error " (percent(off)) ", " (width) } }
-            @if off > LARGE_ERROR {
-                p.note { "This model cannot represent the BRDF; use the tensor of " code { "gonio export --to bsdf" } "." }
-            }
+            @if let Some(problem) = poor_fit(off) { p.note { (problem) } }
             button type="button" data-copy=(id) { "Copy" }
             pre id=(id) tabindex="0" { code { (text) } }
         }

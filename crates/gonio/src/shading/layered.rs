@@ -4,7 +4,7 @@ use std::sync::OnceLock;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
-use super::microfacet::{COAT_F0, f0_of, fresnel_dielectric, schlick_weight};
+use super::microfacet::{COAT_F0, COAT_IOR, f0_of, fresnel_dielectric, schlick_weight};
 use super::{MetallicRoughness, Parameter, Shading};
 use crate::reflectance::parametric::{Facet, lobe};
 
@@ -34,9 +34,6 @@ pub struct Layered {
     /// Square root of the coat's `alpha`, at most `roughness`.
     pub coat_roughness: f64,
 }
-
-/// Index of refraction of the coat.
-pub const COAT_IOR: f64 = 1.5;
 
 impl Shading for Layered {
     // The parameters are those of `MetallicRoughness`, with other names.

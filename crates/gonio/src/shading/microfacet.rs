@@ -1,7 +1,13 @@
 //! Fresnel and masking terms that several models share. GGX is in the parametric models.
 
-/// Reflectance along the normal of a coat with an index of 1.5.
-pub(super) const COAT_F0: f64 = 0.04;
+/// Index of refraction of coats.
+pub const COAT_IOR: f64 = 1.5;
+
+/// Reflectance of coats along the normal.
+pub(super) const COAT_F0: f64 = {
+    let root = (COAT_IOR - 1.0) / (COAT_IOR + 1.0);
+    root * root
+};
 
 /// Returns `(1 - cos)^5` (Schlick 1994).
 pub(super) fn schlick_weight(cos: f64) -> f64 {

@@ -20,8 +20,9 @@ mod principled;
 
 pub use classic::{ColourCookTorrance, ColourWard};
 pub use fit::{Fitted, Fitter};
-pub use layered::{COAT_IOR, Layered};
+pub use layered::Layered;
 pub use metallic_roughness::MetallicRoughness;
+pub use microfacet::COAT_IOR;
 pub(crate) use microfacet::fresnel_dielectric;
 pub use principled::Principled;
 

@@ -38,6 +38,9 @@ const REFINED: usize = 3;
 /// out.
 const HARDLY: (f64, f64) = (1.05, 0.01);
 
+/// Factors by which a table of unknown scale may be scaled, from an albedo of 0.5 downwards.
+const FACTORS: [f64; 7] = [1.0, 0.6, 0.36, 0.22, 0.13, 0.08, 0.05];
+
 /// Factor and term by which the criteria of similar fits of a scale differ at most.
 const SIMILAR: (f64, f64) = (1.15, 0.01);
 
@@ -128,25 +131,22 @@ impl Fitter {
         }
     }
 
-    /// Returns the factor in `factors` by which the table is multiplied for the best fit of
-    /// [`Layered`]; of factors with similar errors, the first.
+    /// Returns the factor in [`FACTORS`] by which the table is multiplied for the best fit of
+    /// [`Layered`]; of factors with similar errors, the largest.
     ///
     /// A photograph under unknown light does not determine the scale of reflectance. The model
     /// does: the reflectance of dielectrics at normal incidence is about 0.04, and albedos are
     /// below one.
-    ///
-    /// # Panics
-    /// If there are no factors.
-    pub fn plausible_scale(&self, factors: &[f64]) -> f64 {
+    pub fn plausible_scale(&self) -> f64 {
         let all: Vec<usize> = (0..Layered::PARAMETERS.len()).collect();
         let error = |&by: &f64| {
             let fitter = self.scaled(by);
             fitter.search::<Layered>(Layered::starts(fitter.body, fitter.highlight), &all, SIMPLER, 1).0
         };
-        let errors: Vec<f64> = factors.par_iter().map(error).collect();
+        let errors: Vec<f64> = FACTORS.par_iter().map(error).collect();
         let least = errors.iter().copied().fold(f64::INFINITY, f64::min);
         let similar = errors.iter().position(|error| *error <= SIMILAR.0 * least + SIMILAR.1);
-        factors[similar.expect("at least one factor")]
+        FACTORS[similar.unwrap_or(0)]
     }
 
     /// Fits a model from the most promising starts, without the [`Shading::OPTIONAL`] parameters
@@ -206,9 +206,8 @@ impl Fitter {
         };
         let starts = best(starts.into_par_iter().map(judged).collect(), promising);
         let first = starts.par_iter().map(|(_, start)| judged(search(start, Goal::Samples, 12)));
-        let first = best(first.collect(), refined.max(1));
-        let refined: Vec<_> =
-            first.par_iter().take(refined).map(|(_, at)| judged(search(at, Goal::Picture, 2))).collect();
+        let first = best(first.collect(), refined);
+        let refined: Vec<_> = first.par_iter().map(|(_, at)| judged(search(at, Goal::Picture, 2))).collect();
         let (mut least, mut parameters) =
             best([first, refined].concat(), 1).pop().expect("every model has starting parameters");
         // The logistic function never reaches the ends of its range, so they are tried separately.
@@ -335,8 +334,7 @@ mod tests {
         let brighter = 0.5 / BivariateTable::luminance(&tables).normal_albedo();
         assert!(brighter > 5.0);
         let fitter = Fitter::new(&tables.map(|table| table.scaled(brighter)));
-        let factors = [1.0, 0.6, 0.36, 0.22, 0.13, 0.08];
-        let found = fitter.plausible_scale(&factors) * brighter;
+        let found = fitter.plausible_scale() * brighter;
         assert!((0.5..2.0).contains(&found), "{found}");
         // A fit of the scaled table is the same as one of the table scaled before.
         let fitted = fitter.scaled(1.0 / brighter).fit::<Layered>();

@@ -131,7 +131,7 @@ impl Fitter {
         }
     }
 
-    /// Returns the factor in [`FACTORS`] by which the table is multiplied for the best fit of
+    /// Returns the factor by which the table is multiplied for the best fit of
     /// [`Layered`]; of factors with similar errors, the largest.
     ///
     /// A photograph under unknown light does not determine the scale of reflectance. The model

@@ -131,8 +131,8 @@ impl Fitter {
         }
     }
 
-    /// Returns the factor by which the table is multiplied for the best fit of
-    /// [`Layered`]; of factors with similar errors, the largest.
+    /// Returns the factor of the table at which [`Layered`] fits best; of similar fits, the largest
+    /// factor.
     ///
     /// A photograph under unknown light does not determine the scale of reflectance. The model
     /// does: the reflectance of dielectrics at normal incidence is about 0.04, and albedos are

@@ -31,6 +31,10 @@ pub struct Reading {
     pub black_level: Option<f64>,
     /// Flat field: image of an evenly lit surface, taken with the same lens.
     pub flat: Option<PathBuf>,
+    /// Do not shift the exposures of a bracket so that the scene coincides.
+    pub no_align: bool,
+    /// Use the times of a bracket without checking or correcting them.
+    pub trust_times: bool,
     /// Layer to read from a multi-layer OpenEXR file.
     pub layer: Option<String>,
     /// Colour space of images that state none, in files or in memory.
@@ -81,8 +85,6 @@ pub struct MergedBracket {
     pub merged: Merged,
     /// Colour space of the files.
     pub space: InputSpace,
-    /// Response curve of the camera.
-    pub response: Response,
     /// True if the response was recovered from the bracket itself.
     pub recovered: bool,
     /// Relative exposures; the longest is 1.
@@ -286,6 +288,8 @@ pub fn merge_files(
     let options = BracketOptions { times: reading.times.clone(), read };
     let bracket = picture::read_bracket(paths, &options)?;
     let exposures = &bracket.exposures;
+    let settings =
+        MergeSettings { align: !reading.no_align, trust_times: reading.trust_times, ..MergeSettings::default() };
     let max = exposures.first().map_or(u16::from(u8::MAX), |e| e.codes.max());
     let black = reading.black_level.unwrap_or(0.0);
     check_black(black, max.into())?;
@@ -294,15 +298,13 @@ pub fn merge_files(
         let problem = "applies only to linear exposures; set the option for linear values, or no black level";
         return Err(Problem::of(format!("black level {black}"), problem));
     }
-    let recovered = !linear && curve.is_none();
-    let response = match from_file {
-        Some(response) => response,
-        None if linear => Response::linear(max, black),
-        None if curve.is_some() => Response::srgb(max),
-        None => Response::recover(exposures).map_err(|error| Problem::of(names(), error))?,
+    let given = match from_file {
+        Some(response) => Some(response),
+        None if linear => Some(Response::linear(max, black)),
+        None => curve.is_some().then(|| Response::srgb(max)),
     };
     let mut merged =
-        merge(exposures, &response, &MergeSettings::default()).map_err(|error| Problem::of(names(), error))?;
+        merge(exposures, given.as_ref(), &settings).map_err(|error| Problem::of_bracket(names(), &error))?;
     merged.picture.alpha = bracket.alpha.clone();
     if let Some(path) = &reading.flat {
         let level = flatten(&mut merged.picture, path, reading, Some(merged.clip_level))?;
@@ -314,9 +316,21 @@ pub fn merge_files(
     merged.picture = decoded.picture;
     let report = &merged.report;
     warnings.extend(spaces::warnings(&names(), &decoded.input, report.pixels));
-    for (path, error) in paths.iter().zip(&report.time_errors).filter(|(_, e)| e.abs() > TIME_ERROR) {
-        let (percent, side) = (100.0 * error.abs(), if *error > 0.0 { "brighter" } else { "darker" });
-        warnings.push(format!("{}: {percent:.0} % {side} than its exposure time implies", path.display()).into());
+    for ((path, error), correction) in paths.iter().zip(&report.time_errors).zip(&report.corrections) {
+        let path = path.display();
+        let Some(correction) = correction else {
+            let problem = "contradicts the other exposures and is left out; possible causes are motion, a wrong exposure \
+                 time, and changed light";
+            warnings.push(format!("{path}: {problem}").into());
+            continue;
+        };
+        if error.abs() > TIME_ERROR {
+            let (percent, side) = (100.0 * error.abs(), if *error > 0.0 { "brighter" } else { "darker" });
+            warnings.push(format!("{path}: {percent:.0} % {side} than its exposure time implies").into());
+        }
+        if correction.veil.iter().any(|veil| *veil != 0.0) {
+            warnings.push(format!("{path}: contains veiling glare, which gonio subtracts").into());
+        }
     }
     for (count, what) in [
         (report.moved, "differ between exposures; gonio ignores them; possible causes are motion and JPEG artefacts"),
@@ -328,5 +342,5 @@ pub fn merge_files(
     }
     let longest = exposures.iter().map(|e| e.amount).fold(0.0, f64::max);
     let amounts = exposures.iter().map(|e| e.amount / longest).collect();
-    Ok(MergedBracket { merged, space: decoded.input, response, recovered, amounts })
+    Ok(MergedBracket { merged, space: decoded.input, recovered: given.is_none(), amounts })
 }

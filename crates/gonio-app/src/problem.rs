@@ -3,6 +3,7 @@
 use std::fmt::{self, Display};
 use std::io::ErrorKind;
 
+use gonio::bracket::BracketError;
 use gonio::scene::{Circle, SceneError};
 use gonio::suggestion::Suggestion;
 
@@ -31,6 +32,11 @@ impl Problem {
 
     /// Creates an error about a photograph, shape or mask, with its suggestions.
     pub fn of_scene(name: impl Display, error: &SceneError) -> Self {
+        Self { suggestions: error.suggestions(), ..Self::of(name, error) }
+    }
+
+    /// Creates an error about a bracket, with its suggestions.
+    pub fn of_bracket(name: impl Display, error: &BracketError) -> Self {
         Self { suggestions: error.suggestions(), ..Self::of(name, error) }
     }
 

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
 use glam::Vec3;
-use gonio::bracket::{Known, Merged};
+use gonio::bracket::{Known, MergeReport, Merged};
 use gonio::picture::Plane;
 use gonio::render::Exposure;
 use gonio_app::photograph::{MergedBracket, merge_files};
@@ -53,15 +53,16 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
         (options.output.with_extension("merge.png"), encode_png(&draw(&bracket, &options.images))),
     ];
     if let Some(path) = &options.save_response {
-        files.push((path.clone(), encode_response(&bracket.response)));
+        files.push((path.clone(), encode_response(&bracket.merged.response)));
     }
     write_all(&files)?;
     let report = &merged.report;
     let text = format!(
-        "{}: {} exposures, {}x{} pixels; {} clipped, {} black, {} inconsistent, {} with a quantisation error \
+        "{}: {} exposures{}, {}x{} pixels; {} clipped, {} black, {} inconsistent, {} with a quantisation error \
          above 2 %; response curve {}, median difference of the exposures {:.1} %",
         options.output.display(),
-        options.images.len(),
+        report.corrections.iter().flatten().count(),
+        shifted(report),
         picture.rgb.width(),
         picture.rgb.height(),
         report.clipped,
@@ -79,6 +80,16 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
         },
     });
     Ok(Outcome::new(text, fields).warning(suggestion::worded(&warnings)))
+}
+
+/// Describes the alignment of the exposures; empty if none is shifted.
+fn shifted(report: &MergeReport) -> String {
+    let lengths = report.corrections.iter().flatten().map(|c| f64::from(c.shift.0).hypot(f64::from(c.shift.1)));
+    let largest = lengths.clone().fold(0.0, f64::max);
+    if largest == 0.0 {
+        return String::new();
+    }
+    format!(" ({} aligned by up to {largest:.0} pixels)", lengths.filter(|length| *length > 0.0).count())
 }
 
 /// Writes all files. If one cannot be written, removes the files that this call created.
@@ -146,7 +157,17 @@ fn draw(bracket: &MergedBracket, paths: &[PathBuf]) -> Plane<Vec3> {
     for &e in &order {
         let name =
             paths.get(e).and_then(|p| p.file_name()).map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
-        line(hue(e), &format!("{name}: relative exposure {:.4}, {} pixels", bracket.amounts[e], report.from[e]));
+        let label = match report.corrections[e] {
+            None => format!("{name}: left out, contradicts the others"),
+            Some(correction) => {
+                let (dx, dy) = correction.shift;
+                let shift = if (dx, dy) == (0, 0) { String::new() } else { format!(", shifted by {dx}, {dy} pixels") };
+                let (amount, pixels) = (bracket.amounts[e], report.from[e]);
+                let residual = 100.0 * report.residuals[e];
+                format!("{name}: relative exposure {amount:.4}, {pixels} pixels, residual {residual:.1} %{shift}")
+            }
+        };
+        line(hue(e), &label);
     }
     line(CLIPPED, &format!("clipped in all exposures: {}", report.clipped));
     line(DARK, &format!("black in all exposures: {}", report.dark));
@@ -179,7 +200,7 @@ fn curves(bracket: &MergedBracket) -> Plane<Vec3> {
         fill(&mut out, (0, y), (PANEL, 1), Vec3::splat(0.05));
         fill(&mut out, (y, 0), (1, PANEL), Vec3::splat(0.05));
     }
-    let response = &bracket.response;
+    let response = &bracket.merged.response;
     let top = (0..3).map(|c| response.curve(c)[usize::from(response.max())]).fold(f64::MIN, f64::max);
     for (channel, colour) in
         [Vec3::new(0.8, 0.1, 0.08), Vec3::new(0.1, 0.6, 0.1), Vec3::new(0.12, 0.25, 0.9)].iter().enumerate()

@@ -18,6 +18,16 @@ pub(crate) struct ReadingOptions {
     /// Exposure time of each image in seconds; overrides the EXIF data
     #[arg(long, value_name = "1/30,1/8,0.5,...", value_parser = parse_times)]
     times: Option<Times>,
+    /// Use the exposure times without checking or correcting them
+    ///
+    /// gonio merges exposures that contradict each other, and ignores the inconsistent pixels.
+    #[arg(long)]
+    trust_times: bool,
+    /// Do not align the exposures
+    ///
+    /// By default, gonio shifts exposures by whole pixels so that they match the first one.
+    #[arg(long)]
+    no_align: bool,
     /// Response curve of the camera [default: recovered from the exposures]
     ///
     /// FILE is a curve that gonio merge --save-response wrote; srgb is the sRGB curve; linear means
@@ -78,6 +88,8 @@ impl ReadingOptions {
                 "linear" => Curve::Linear,
                 path => Curve::File(path.into()),
             }),
+            no_align: self.no_align,
+            trust_times: self.trust_times,
             black_level: self.black_level,
             flat: self.flat.clone(),
             layer: self.layer.clone(),

@@ -30,6 +30,8 @@ pub(crate) fn words(suggestion: &Suggestion) -> Option<String> {
         Suggestion::ClipLevel => "if they are not clipped, specify the clip level with --clip VALUE",
         Suggestion::ReferenceColourOnly => "use only its colour with --reference-color-only",
         Suggestion::Times => "--times 1/30,1/8,... specifies them",
+        Suggestion::TrustTimes => "use --trust-times to merge anyway and ignore inconsistent pixels",
+        Suggestion::Response => "specify the response curve with --response srgb, linear or FILE.csv",
         Suggestion::Separately => "pass one photograph at a time, or use `gonio batch IMAGE... -o DIR` for several",
         Suggestion::Turn => "specify the angle with --second-yaw DEGREES",
         Suggestion::SecondOutline => "specify the outline of the ball with --second-circle X,Y,RADIUS",

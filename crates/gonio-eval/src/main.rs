@@ -13,6 +13,7 @@ mod folds;
 mod lights;
 mod materials;
 mod metrics;
+mod outlines;
 mod outside;
 mod paper;
 mod posteriors;
@@ -65,6 +66,8 @@ enum Command {
     Camera(camera::Options),
     /// Evaluates the prior of materials on materials that it was not built from.
     Prior(prior::Options),
+    /// Measures the detection of balls in simulated photographs.
+    Outlines(outlines::Options),
     /// Measures errors of the models of renderers that `gonio export` fits to measured materials.
     Exports(exports::Options),
     /// Cross-validates the learnt posterior on training materials in training lights.
@@ -82,6 +85,7 @@ fn main() -> ExitCode {
     let args = Args::parse();
     let data = args.data.unwrap_or_else(|| PathBuf::from("data"));
     let result = match args.command {
+        Command::Outlines(options) => outlines::run(&data, &options),
         Command::Paper(options) => paper::run(&data, &options),
         Command::Quadrature => quadrature::run(&data),
         Command::Lights(options) => lights::run(&data, &options),

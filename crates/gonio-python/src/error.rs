@@ -48,6 +48,8 @@ pub(crate) fn words(suggestion: &Suggestion) -> Option<String> {
         Suggestion::ClipLevel => "if they are not clipped, specify the clip level with clip=",
         Suggestion::ReferenceColourOnly => "use only its colour with reference_color_only=True",
         Suggestion::Times => "times=[...] specifies them",
+        Suggestion::TrustTimes => "use trust_times=True to merge anyway and ignore inconsistent pixels",
+        Suggestion::Response => "specify the response curve with response=",
         Suggestion::Turn => "specify the angle with second_yaw=DEGREES",
         Suggestion::SecondOutline => "specify the outline of the ball with second_circle=(x, y, radius)",
         Suggestion::SecondMask => "specify a mask with second_mask=",

@@ -56,7 +56,8 @@ pub(crate) fn merge(
         let mut warnings = Vec::new();
         Ok((merge_files(&images, &reading, &mut warnings)?, worded(&warnings)))
     })?;
-    let (merged, response) = (bracket.merged, bracket.response);
+    let merged = bracket.merged;
+    let response = &merged.response;
     let notes = json!({
         "exposures": bracket.amounts, "recovered_response": bracket.recovered, "report": merged.report,
         "colorspace": { "input": bracket.space.name, "source": bracket.space.source.words(), "output": "rec709" },
@@ -70,7 +71,7 @@ pub(crate) fn merge(
     out.set_item("alpha", alpha)?;
     let curves = [0, 1, 2].map(|channel| response.curve(channel)).concat();
     out.set_item("response", arrays::array(py, (3, usize::from(response.max()) + 1), curves))?;
-    out.set_item("response_file", PyBytes::new(py, &encode_response(&response)))?;
+    out.set_item("response_file", PyBytes::new(py, &encode_response(response)))?;
     out.set_item("notes", notes.to_string())?;
     out.set_item("warnings", warnings)?;
     Ok(out)

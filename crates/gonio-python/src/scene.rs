@@ -41,6 +41,8 @@ pub(crate) struct GivenReading {
     layer: Option<String>,
     times: Option<Vec<f64>>,
     response: Option<String>,
+    align: bool,
+    trust_times: bool,
     black_level: Option<f64>,
     flat: Option<PathBuf>,
     colorspace: Option<String>,
@@ -48,7 +50,7 @@ pub(crate) struct GivenReading {
 
 impl GivenReading {
     pub(crate) fn take(self) -> Reading {
-        let Self { linear, layer, times, response, black_level, flat, colorspace } = self;
+        let Self { linear, layer, times, response, align, trust_times, black_level, flat, colorspace } = self;
         let response = response.map(|name| match name.as_str() {
             "srgb" => Curve::Srgb,
             "linear" => Curve::Linear,
@@ -56,7 +58,8 @@ impl GivenReading {
         });
         // The package has checked the name.
         let colour_space = colorspace.as_deref().and_then(ColourSpace::named);
-        Reading { linear, times, response, black_level, flat, layer, colour_space }
+        let no_align = !align;
+        Reading { linear, times, response, no_align, trust_times, black_level, flat, layer, colour_space }
     }
 }
 

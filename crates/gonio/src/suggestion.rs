@@ -45,6 +45,10 @@ pub enum Suggestion {
     DepthRange,
     /// Specify the exposure times.
     Times,
+    /// Use the exposure times without checks, and ignore inconsistent pixels.
+    TrustTimes,
+    /// Specify the response curve of the camera.
+    Response,
     /// Specify the angle between the cameras around the ball.
     Turn,
     /// Specify the outline of the ball in the second photograph.

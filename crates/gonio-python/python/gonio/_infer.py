@@ -63,6 +63,8 @@ class Options(TypedDict, total=False):
     model: Model | Path | None
     times: Sequence[float] | None
     response: Path | None
+    align: bool
+    trust_times: bool
     black_level: float | None
     flat: Path | None
     linear: bool
@@ -127,6 +129,8 @@ def infer(
     *,
     times: Sequence[float] | None = None,
     response: Path | None = None,
+    align: bool = True,
+    trust_times: bool = False,
     black_level: float | None = None,
     flat: Path | None = None,
     linear: bool = False,
@@ -200,6 +204,10 @@ def infer(
     response : path, optional
         Response curve of the camera: ``"srgb"``, ``"linear"``, or a file that
         :meth:`Merged.write_response` wrote. By default, it is recovered from the exposures.
+    align : bool, default True
+        Shift exposures by whole pixels so that they match the first one.
+    trust_times : bool, default False
+        Use the exposure times without checking or correcting them, and ignore inconsistent pixels.
     black_level : float, optional
         Black level of linear 8- or 16-bit images, as a code value.
     flat : path, optional

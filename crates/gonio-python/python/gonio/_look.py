@@ -74,10 +74,10 @@ def check(
         Called in this thread with the name of a stage and its completed fraction.
     **options
         Arguments of :func:`infer` for reading the photograph, for the shape of the object and for
-        references: ``linear``, ``layer``, ``times``, ``response``, ``black_level``, ``flat``,
-        ``colorspace``, ``clip``, ``keep_colors``, ``force``, ``normals`` and its options, ``circle``,
-        ``depth_axis``, ``camera``, ``pose``, ``white``, ``grey_card``, ``color_checker`` and their
-        options.
+        references: ``linear``, ``layer``, ``times``, ``response``, ``align``, ``trust_times``,
+        ``black_level``, ``flat``, ``colorspace``, ``clip``, ``keep_colors``, ``force``, ``normals``
+        and its options, ``circle``, ``depth_axis``, ``camera``, ``pose``, ``white``, ``grey_card``,
+        ``color_checker`` and their options.
 
     Returns
     -------
@@ -171,6 +171,8 @@ def merge(
     *,
     times: Sequence[float] | None = None,
     response: Path | None = None,
+    align: bool = True,
+    trust_times: bool = False,
     linear: bool = False,
     black_level: float | None = None,
     flat: Path | None = None,
@@ -183,7 +185,7 @@ def merge(
     ----------
     images : sequence of paths
         8- or 16-bit JPEG, PNG or TIFF files of equal size.
-    times, response, linear, black_level, flat, colorspace
+    times, response, align, trust_times, linear, black_level, flat, colorspace
         See :func:`infer`.
     progress : callable, optional
         Called in this thread with the name of a stage and its completed fraction.
@@ -207,7 +209,16 @@ def merge(
         raise TypeError(f"images: must be a list of the files of exposures, not {shown(images)}")
     listener(progress)
     files = paths(images, "images")
-    said = {"times": times, "response": response, "linear": linear, "black_level": black_level, "flat": flat, "colorspace": colorspace}
+    said = {
+        "times": times,
+        "response": response,
+        "align": align,
+        "trust_times": trust_times,
+        "linear": linear,
+        "black_level": black_level,
+        "flat": flat,
+        "colorspace": colorspace,
+    }
     found = _gonio.merge(files, given_reading(said), {"progress": progress, "poll": None})
     for message in found["warnings"]:
         warnings.warn(message, GonioWarning, stacklevel=2)

@@ -80,6 +80,8 @@ def light_probe(
     second_yaw: float | None = None,
     times: Sequence[float] | None = None,
     response: Path | None = None,
+    align: bool = True,
+    trust_times: bool = False,
     black_level: float | None = None,
     flat: Path | None = None,
     linear: bool = False,
@@ -95,7 +97,7 @@ def light_probe(
     ----------
     image : path, array, bytes, open file, or list of paths
         The photograph, or its exposures, as for :func:`gonio.infer`.
-    mask, times, response, black_level, flat, linear, layer, colorspace, clip
+    mask, times, response, align, trust_times, black_level, flat, linear, layer, colorspace, clip
         See :func:`gonio.infer`. All but ``mask`` apply to both photographs.
     circle : (float, float, float), optional
         Outline of the ball in pixels, instead of detecting it: x, y (from the top left corner) and
@@ -137,6 +139,8 @@ def light_probe(
     reading = {
         "times": times,
         "response": response,
+        "align": align,
+        "trust_times": trust_times,
         "black_level": black_level,
         "flat": flat,
         "linear": linear,

@@ -62,6 +62,8 @@ class GivenReading(TypedDict):
     layer: str | None
     times: list[float] | None
     response: str | None
+    align: bool
+    trust_times: bool
     black_level: float | None
     flat: str | None
     colorspace: str | None

@@ -2,6 +2,8 @@
 
 use thiserror::Error;
 
+use crate::suggestion::Suggestion;
+
 /// Error that prevents exposures from being merged.
 ///
 /// Exposures are numbered from 1 in the given order.
@@ -58,7 +60,7 @@ pub enum BracketError {
     /// The exposures do not determine the response.
     #[error(
         "the response curve cannot be recovered: only {pixels} pixels are neither black nor clipped in two \
-         exposures of different times, {least} are required; use exposures with closer times, or specify the curve"
+         exposures of different times, {least} are required; use exposures with closer times"
     )]
     TooLittleOverlap {
         /// Number of informative pixels, in the first channel that has too few.
@@ -66,6 +68,9 @@ pub enum BracketError {
         /// Required number.
         least: usize,
     },
+    /// All exposures have the same time.
+    #[error("the exposures have the same time, so they do not determine the response curve")]
+    EqualTimes,
     /// No curve explains the bracket.
     #[error(
         "no response curve explains the exposures: the best curve leaves a median difference of {percent:.0} %; check the \
@@ -78,7 +83,7 @@ pub enum BracketError {
     /// The times contradict the pictures.
     #[error(
         "exposures {first} and {second} contradict their times: the images differ by a factor of {seen:.2}, the \
-         times by {said:.2}; check the times or the response curve"
+         times by {said:.2}; check the times"
     )]
     Times {
         /// Number of the exposure with the shorter time.
@@ -112,4 +117,23 @@ pub enum BracketError {
         /// Number of pixels that are black in all exposures.
         dark: usize,
     },
+}
+
+impl BracketError {
+    /// Returns suggestions to the user, the most probable first.
+    pub fn suggestions(&self) -> Vec<Suggestion> {
+        match self {
+            Self::EqualTimes => vec![Suggestion::Times, Suggestion::Response],
+            Self::TooLittleOverlap { .. } => vec![Suggestion::Response],
+            Self::NoResponse { .. } => vec![Suggestion::Times, Suggestion::Response],
+            Self::Times { .. } => vec![Suggestion::Times, Suggestion::TrustTimes],
+            Self::Motion { .. } => vec![Suggestion::TrustTimes],
+            _ => Vec::new(),
+        }
+    }
+
+    /// Whether exposures contradict each other or their times.
+    pub(super) fn is_contradiction(&self) -> bool {
+        matches!(self, Self::NoResponse { .. } | Self::Times { .. } | Self::Motion { .. })
+    }
 }

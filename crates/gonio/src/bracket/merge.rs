@@ -1,18 +1,19 @@
-//! Merging of a bracket into one picture of radiance.
+//! Merging of a bracket into one picture of radiance: alignment, response, corrections, and
+//! exposures that are inconsistent with the others.
 
 use glam::Vec3;
-use rayon::prelude::*;
 use serde::Serialize;
 
-use super::consistency::{disagree, time_errors};
+use super::align::shifts;
+use super::flicker::correct;
+use super::frame::{ExposureCorrection, Frame};
+use super::pixels::{Row, merged};
 use super::table::Table;
 use super::{BracketError, Exposure, Response, check, median};
 use crate::picture::{Picture, Plane};
 
-/// Relative error from rounding above which a pixel counts as coarse.
-const COARSE: f64 = 0.02;
-/// Largest number of pixels from which the median disagreement is estimated.
-const MOST_RESIDUALS: usize = 1 << 20;
+/// Largest share of the exposures that may be left out because they are inconsistent.
+const MAX_LEFT_OUT: f64 = 1.0 / 3.0;
 
 /// Settings for merging exposures.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -23,13 +24,18 @@ pub struct MergeSettings {
     /// Largest share of the pixels, 0..=1, that may disagree between exposures; above it, the
     /// bracket is rejected.
     pub motion: f64,
+    /// Whether to shift the exposures so that the scene coincides.
+    pub align: bool,
+    /// Whether to use the times without checking or correcting them, and to accept any share of
+    /// inconsistent pixels.
+    pub trust_times: bool,
 }
 
 impl Default for MergeSettings {
     /// Clips the topmost five of 256 codes and accepts disagreement of 6 % of the pixels: at high
     /// contrast, JPEG alone causes several per cent.
     fn default() -> Self {
-        Self { white: 250.5 / 255.0, motion: 0.06 }
+        Self { white: 250.5 / 255.0, motion: 0.06, align: true, trust_times: false }
     }
 }
 
@@ -66,6 +72,11 @@ pub struct MergeReport {
     /// Relative excess of each exposure's brightness over that expected from its time, relative to
     /// the next shorter exposure.
     pub time_errors: Vec<f64>,
+    /// Correction of each exposure; `None` for exposures that were left out because they are
+    /// inconsistent with the others.
+    pub corrections: Vec<Option<ExposureCorrection>>,
+    /// Median relative disagreement of each exposure with the merged values.
+    pub residuals: Vec<f64>,
     /// Median relative disagreement of the exposures of a channel with its merged value.
     pub residual: f64,
 }
@@ -80,194 +91,148 @@ pub struct Merged {
     pub known: Plane<Known>,
     /// Radiance above that of all known pixels: pixels with this value are unknown.
     pub clip_level: f32,
+    /// Response of the camera, given or recovered.
+    pub response: Response,
     /// Counts and disagreements.
     pub report: MergeReport,
 }
 
-/// One channel of one pixel.
-enum Sample {
-    /// Radiance, its relative error from rounding, the exposure of largest weight, and the mean
-    /// relative disagreement of the exposures if there are several.
-    Value {
-        radiance: f64,
-        error: f64,
-        from: usize,
-        disagreement: Option<f64>,
-    },
-    Clipped,
-    Dark(f64),
-    Moved,
-}
-
 /// Merges a bracket into a picture without an alpha channel.
+///
+/// First, the exposures are aligned with the first one by translation, if
+/// [`MergeSettings::align`] is set. If `response` is `None`, it is recovered from the bracket. Then
+/// gains and veils that the times do not explain are corrected. Each channel of a pixel is the mean
+/// of the radiances of its exposures, weighted by inverse variances. These follow from the slope of
+/// the response and the time, which convert an error of one code into an error of radiance. Clipped
+/// and black codes have no weight.
+///
+/// If exposures contradict each other, those without which the others agree are left out, at most
+/// a third.
 ///
 /// The result does not depend on the number of threads.
 ///
-/// Each channel of a pixel is the mean of the radiances of its exposures, weighted by inverse
-/// variances. These follow from the slope of the response and the time, which convert an error of
-/// one code into an error of radiance. Clipped and black codes have no weight.
-///
 /// # Errors
-/// [`BracketError::Times`] and [`BracketError::Motion`] if exposures contradict their times or each
-/// other; [`BracketError::NothingKnown`]; errors of the sizes, depths and times of the exposures.
-pub fn merge(exposures: &[Exposure], response: &Response, settings: &MergeSettings) -> Result<Merged, BracketError> {
+/// * [`BracketError::Times`] and [`BracketError::Motion`] if too many exposures contradict their
+///   times or each other.
+/// * Errors of [`Response::recover`] if `response` is `None`.
+/// * [`BracketError::NothingKnown`]; errors of the sizes, depths and times of the exposures.
+pub fn merge(
+    exposures: &[Exposure],
+    response: Option<&Response>,
+    settings: &MergeSettings,
+) -> Result<Merged, BracketError> {
     check(exposures)?;
-    let response = response.resampled(exposures[0].codes.max());
-    let tables = [0, 1, 2].map(|channel| Table::new(response.curve(channel), settings.white));
-    let time_errors = time_errors(exposures, &tables)?;
-    let (width, height) = exposures[0].codes.size();
-    let log_amounts: Vec<f64> = exposures.iter().map(|e| e.amount.ln()).collect();
-    // The median disagreement is estimated on a sample of the pixels.
-    let step = (width * height).div_ceil(MOST_RESIDUALS).max(1);
-    let rows: Vec<Row> = (0..height)
-        .into_par_iter()
-        .map_init(Vec::new, |codes, y| {
-            let mut row = Row::new(width, exposures.len());
-            for i in y * width..(y + 1) * width {
-                let mut compared = false;
-                let samples = [0, 1, 2].map(|channel| {
-                    codes.clear();
-                    codes.extend(exposures.iter().map(|e: &Exposure| e.codes.at(i)[channel]));
-                    let disagree = disagree(codes, &log_amounts, &tables[channel]);
-                    compared |= disagree.is_some();
-                    if disagree == Some(true) { Sample::Moved } else { sample(codes, exposures, &tables[channel]) }
-                });
-                row.compared += usize::from(compared);
-                row.take(&samples, i.is_multiple_of(step));
-            }
-            row
-        })
-        .collect();
-
-    let mut all = Row::new(width * height, exposures.len());
-    rows.into_iter().for_each(|row| all.append(row));
-    let Row { mut rgb, known, clipped, dark, moved, coarse, compared, from, mut residuals } = all;
-    if moved as f64 > settings.motion * compared as f64 {
-        return Err(BracketError::Motion { moved, compared });
-    }
-    if from.iter().all(|&n| n == 0) {
-        return Err(BracketError::NothingKnown { clipped, dark });
-    }
-    let residual = median(&mut residuals).unwrap_or(0.0);
-    let report = MergeReport { pixels: width * height, clipped, dark, moved, coarse, from, time_errors, residual };
-    let shortest = exposures.iter().map(|e| e.amount).fold(f64::MAX, f64::min);
-    let end = tables.iter().map(|t| t.exposure[t.exposure.len() - 1] / shortest).fold(0.0, f64::max) as f32;
-    let is_seen = |known: &Known| matches!(known, Known::From(_) | Known::Dark);
-    let seen = || rgb.iter().zip(&known).filter(|(_, k)| is_seen(k));
-    let clip_level = seen().fold(end, |level, (v, _)| level.max(v.max_element().next_up()));
-    for (colour, known) in rgb.iter_mut().zip(&known) {
-        if !is_seen(known) {
-            *colour = Vec3::splat(clip_level);
+    let shifts = if settings.align { shifts(exposures) } else { vec![(0, 0); exposures.len()] };
+    let bracket = Bracket { exposures, shifts, response, settings };
+    let all: Vec<usize> = (0..exposures.len()).collect();
+    let error = match bracket.attempt(&all, settings.trust_times) {
+        Err(error) if error.is_contradiction() => error,
+        result => return result.map(|attempt| bracket.assemble(attempt)),
+    };
+    let mut kept = all;
+    for _ in 0..(MAX_LEFT_OUT * exposures.len() as f64) as usize {
+        let (rest, contradiction) = bracket.without_one(&kept).ok_or_else(|| error.clone())?;
+        kept = rest;
+        if contradiction <= settings.motion
+            && let Ok(attempt) = bracket.attempt(&kept, false)
+        {
+            return Ok(bracket.assemble(attempt));
         }
     }
-    let picture = Picture { rgb: Plane::from_vec(width, height, rgb), alpha: None };
-    Ok(Merged { picture, known: Plane::from_vec(width, height, known), clip_level, report })
+    Err(error)
 }
 
-/// Combines the exposures of one channel of a pixel.
-fn sample(codes: &[u16], exposures: &[Exposure], table: &Table) -> Sample {
-    let (mut sum, mut total, mut precision) = (0.0, 0.0, 0.0);
-    let mut best = (0, 0.0);
-    let values = || codes.iter().zip(exposures).map(|(&code, e)| (usize::from(code), e.amount)).enumerate();
-    for (j, (code, amount)) in values() {
-        let weight = table.weight[code] * amount * amount;
-        sum += weight * table.exposure[code] / amount;
-        total += weight;
-        precision += table.precision[code] * amount * amount;
-        if weight > best.1 {
-            best = (j, weight);
-        }
-    }
-    if total > 0.0 {
-        let radiance = sum / total;
-        // The variance of rounding is 1/12.
-        let error = (12.0 * precision).powf(-0.5) / radiance;
-        let strays = values()
-            .filter(|(_, (code, _))| table.weight[*code] > 0.0)
-            .map(|(_, (code, amount))| (table.exposure[code] / amount / radiance - 1.0).abs());
-        let count = strays.clone().count();
-        let disagreement = (count > 1).then(|| strays.sum::<f64>() / count as f64);
-        return Sample::Value { radiance, error, from: best.0, disagreement };
-    }
-    // No code is informative. A single clipped code decides, since black codes in longer exposures
-    // would contradict it.
-    if codes.iter().any(|&code| code >= table.white) {
-        return Sample::Clipped;
-    }
-    let longest = exposures.iter().map(|e| e.amount).fold(0.0, f64::max);
-    let first = (usize::from(table.black) + 1).min(table.exposure.len() - 1);
-    Sample::Dark(0.5 * table.exposure[first] / longest)
+/// The inputs of [`merge()`], with the shifts of the exposures.
+struct Bracket<'a> {
+    exposures: &'a [Exposure],
+    shifts: Vec<(i32, i32)>,
+    response: Option<&'a Response>,
+    settings: &'a MergeSettings,
 }
 
-/// Results of consecutive pixels, with counts.
-struct Row {
-    rgb: Vec<Vec3>,
-    known: Vec<Known>,
-    clipped: usize,
-    dark: usize,
-    moved: usize,
-    coarse: usize,
-    compared: usize,
-    from: Vec<usize>,
-    residuals: Vec<f64>,
+/// The result of merging some of the exposures.
+struct Attempt<'a> {
+    frames: Vec<Frame<'a>>,
+    response: Response,
+    tables: [Table; 3],
+    /// Excess of brightness of each frame.
+    time_errors: Vec<f64>,
+    row: Row,
 }
 
-impl Row {
-    fn new(pixels: usize, exposures: usize) -> Self {
-        Self {
-            rgb: Vec::with_capacity(pixels),
-            known: Vec::with_capacity(pixels),
-            clipped: 0,
-            dark: 0,
-            moved: 0,
-            coarse: 0,
-            compared: 0,
-            from: vec![0; exposures],
-            residuals: Vec::new(),
-        }
+impl Attempt<'_> {
+    /// Returns the share of the compared pixels that disagree.
+    fn moved(&self) -> f64 {
+        self.row.moved as f64 / self.row.compared.max(1) as f64
     }
+}
 
-    /// Adds one pixel.
-    fn take(&mut self, samples: &[Sample; 3], judge: bool) {
-        let value = |sample: &Sample| match *sample {
-            Sample::Value { radiance, .. } => radiance as f32,
-            Sample::Dark(half) => half as f32,
-            Sample::Clipped | Sample::Moved => 0.0,
+impl<'a> Bracket<'a> {
+    /// Merges the exposures `kept`. If they are `trusted`, contradictions are no error.
+    fn attempt(&self, kept: &[usize], trusted: bool) -> Result<Attempt<'a>, BracketError> {
+        let frame = |&index: &usize| Frame::new(self.exposures, index, self.shifts[index]);
+        let mut frames: Vec<Frame<'a>> = kept.iter().map(frame).collect();
+        let response = match self.response {
+            Some(response) => response.resampled(frames[0].max()),
+            None => Response::of_frames(&frames)?,
         };
-        self.rgb.push(Vec3::from_array(samples.each_ref().map(value)));
-        let any = |of: fn(&Sample) -> bool| samples.iter().any(of);
-        self.known.push(if any(|s| matches!(s, Sample::Moved)) {
-            self.moved += 1;
-            Known::Moved
-        } else if any(|s| matches!(s, Sample::Clipped)) {
-            self.clipped += 1;
-            Known::Clipped
-        } else if let [Sample::Value { .. }, Sample::Value { from, .. }, Sample::Value { .. }] = samples {
-            // Use the exposure of green, which contributes most of the luminance.
-            self.coarse += usize::from(any(|s| matches!(s, Sample::Value { error, .. } if *error > COARSE)));
-            self.from[*from] += 1;
-            Known::From(*from as u8)
-        } else {
-            self.dark += 1;
-            Known::Dark
-        });
-        if judge {
-            self.residuals.extend(samples.iter().filter_map(|s| match s {
-                Sample::Value { disagreement, .. } => *disagreement,
-                _ => None,
-            }));
+        let tables = [0, 1, 2].map(|channel| Table::new(response.curve(channel), self.settings.white));
+        let time_errors = correct(&mut frames, &tables, self.response.is_none(), trusted)?;
+        let row = merged(&frames, self.exposures.len(), &tables);
+        let attempt = Attempt { frames, response, tables, time_errors, row };
+        if attempt.moved() > self.settings.motion && !trusted {
+            return Err(BracketError::Motion { moved: attempt.row.moved, compared: attempt.row.compared });
         }
+        if attempt.row.from.iter().all(|&n| n == 0) {
+            return Err(BracketError::NothingKnown { clipped: attempt.row.clipped, dark: attempt.row.dark });
+        }
+        Ok(attempt)
     }
 
-    fn append(&mut self, mut row: Self) {
-        self.rgb.append(&mut row.rgb);
-        self.known.append(&mut row.known);
-        self.residuals.append(&mut row.residuals);
-        self.clipped += row.clipped;
-        self.dark += row.dark;
-        self.moved += row.moved;
-        self.coarse += row.coarse;
-        self.compared += row.compared;
-        self.from.iter_mut().zip(row.from).for_each(|(a, b)| *a += b);
+    /// Leaves out the exposure without which the others contradict each other least.
+    ///
+    /// Returns the others and the share of pixels that contradict each other; `None` if fewer than
+    /// two would be left, or if no response explains any part.
+    fn without_one(&self, kept: &[usize]) -> Option<(Vec<usize>, f64)> {
+        if kept.len() < 3 {
+            return None;
+        }
+        let part = |out: &usize| {
+            let rest: Vec<usize> = kept.iter().copied().filter(|index| index != out).collect();
+            let attempt = self.attempt(&rest, true).ok()?;
+            // A time that is wrong by 100 % is as bad as motion everywhere.
+            let off = attempt.time_errors.iter().map(|e| e.abs()).fold(0.0, f64::max);
+            Some((rest, attempt.moved(), attempt.moved() + off))
+        };
+        let parts = kept.iter().filter_map(part);
+        parts.min_by(|a, b| a.2.total_cmp(&b.2)).map(|(rest, moved, _)| (rest, moved))
+    }
+
+    fn assemble(&self, attempt: Attempt<'_>) -> Merged {
+        let Attempt { frames, response, tables, time_errors: of_frames, row } = attempt;
+        let Row { mut rgb, known, clipped, dark, moved, coarse, from, mut residuals, .. } = row;
+        let (width, height) = frames[0].size();
+        let (mut time_errors, mut corrections) = (vec![0.0; self.exposures.len()], vec![None; self.exposures.len()]);
+        for (frame, error) in frames.iter().zip(of_frames) {
+            (time_errors[frame.index], corrections[frame.index]) = (error, Some(frame.correction));
+        }
+        let residual = median(&mut residuals.concat()).unwrap_or(0.0);
+        let residuals = residuals.iter_mut().map(|residuals| median(residuals).unwrap_or(0.0)).collect();
+        let pixels = width * height;
+        let report =
+            MergeReport { pixels, clipped, dark, moved, coarse, from, time_errors, corrections, residuals, residual };
+        let shortest = |channel: usize| frames.iter().map(|frame| frame.amount(channel)).fold(f64::MAX, f64::min);
+        let end = |(channel, table): (usize, &Table)| table.exposure[table.exposure.len() - 1] / shortest(channel);
+        let end = tables.iter().enumerate().map(end).fold(0.0, f64::max) as f32;
+        let is_seen = |known: &Known| matches!(known, Known::From(_) | Known::Dark);
+        let seen = rgb.iter().zip(&known).filter(|(_, k)| is_seen(k));
+        let clip_level = seen.fold(end, |level, (v, _)| level.max(v.max_element().next_up()));
+        for (colour, known) in rgb.iter_mut().zip(&known) {
+            if !is_seen(known) {
+                *colour = Vec3::splat(clip_level);
+            }
+        }
+        let picture = Picture { rgb: Plane::from_vec(width, height, rgb), alpha: None };
+        Merged { picture, known: Plane::from_vec(width, height, known), clip_level, response, report }
     }
 }

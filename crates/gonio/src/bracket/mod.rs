@@ -3,12 +3,17 @@
 //!
 //! An [`Exposure`] contains integer codes and the amount of light. A [`Response`] contains the
 //! exposure that each code represents; [`Response::recover`] estimates it from the bracket itself.
-//! [`merge()`] weights the exposures of each pixel by the precision with which their codes
-//! determine the radiance, and returns the status of each pixel: see [`Known`].
+//! [`merge()`] aligns the exposures, corrects their gains and veiling glare, and weights the
+//! exposures of each pixel by the precision with which their codes determine the radiance. It
+//! returns the status of each pixel: see [`Known`].
 
+mod align;
 mod consistency;
 mod error;
+mod flicker;
+mod frame;
 mod merge;
+mod pixels;
 mod recover;
 mod response;
 mod table;
@@ -16,6 +21,7 @@ mod table;
 mod tests;
 
 pub use error::BracketError;
+pub use frame::ExposureCorrection;
 pub use merge::{Known, MergeReport, MergeSettings, Merged, merge};
 pub use response::Response;
 

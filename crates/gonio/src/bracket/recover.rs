@@ -17,6 +17,7 @@
 use faer::Mat;
 use rayon::prelude::*;
 
+use super::frame::Frame;
 use super::response::interpolate;
 use super::{BracketError, Exposure, Response, check, median};
 use crate::linalg::solve_positive;
@@ -67,24 +68,35 @@ impl Response {
     /// [`merge()`](super::merge()) about sizes, depths and times.
     pub fn recover(exposures: &[Exposure]) -> Result<Self, BracketError> {
         check(exposures)?;
-        let max = exposures[0].codes.max();
+        let frames: Vec<Frame<'_>> = (0..exposures.len()).map(|i| Frame::new(exposures, i, (0, 0))).collect();
+        Self::of_frames(&frames)
+    }
+
+    /// Estimates the response from aligned exposures, as [`Self::recover`] does.
+    pub(super) fn of_frames(frames: &[Frame<'_>]) -> Result<Self, BracketError> {
+        let max = frames[0].max();
+        let (shortest, longest) =
+            frames.iter().fold((f64::MAX, 0.0), |(a, b), f| (f64::min(a, f.stated), f64::max(b, f.stated)));
+        if frames.len() > 1 && longest < LEAST_RATIO * shortest {
+            return Err(BracketError::EqualTimes);
+        }
         let mut channels = [const { Vec::new() }; 3];
         for (channel, curve) in channels.iter_mut().enumerate() {
-            *curve = recover_channel(&equations(exposures, channel))?;
+            *curve = recover_channel(&equations(frames, channel))?;
         }
         Ok(Self::from_curves(channels)?.resampled(max))
     }
 }
 
 /// Collects the equations of the pixels for one channel.
-fn equations(exposures: &[Exposure], channel: usize) -> Vec<Equations> {
-    let (width, height) = exposures[0].codes.size();
-    let scale = (LEVELS - 1) as f64 / f64::from(exposures[0].codes.max());
+fn equations(frames: &[Frame<'_>], channel: usize) -> Vec<Equations> {
+    let (width, height) = frames[0].size();
+    let scale = (LEVELS - 1) as f64 / f64::from(frames[0].max());
     let step = (width * height).div_ceil(MOST_PIXELS).max(1);
     let of_pixel = |pixel: usize| -> Option<Equations> {
-        let said: Equations = exposures
+        let said: Equations = frames
             .iter()
-            .map(|e| (f64::from(e.codes.at(pixel)[channel]) * scale, e.amount.ln()))
+            .filter_map(|frame| Some((f64::from(frame.at(pixel)?[channel]) * scale, frame.stated.ln())))
             .filter(|(level, _)| TRUSTED.contains(level))
             .collect();
         let (least, most) = said.iter().fold((f64::MAX, f64::MIN), |(a, b), &(_, t)| (a.min(t), b.max(t)));

@@ -5,8 +5,6 @@ const SLACK: f64 = 5.0 / 255.0;
 
 /// Lookup tables over the codes of one channel.
 pub(super) struct Table {
-    /// Logarithm of the exposure.
-    log: Vec<f64>,
     pub(super) exposure: Vec<f64>,
     /// Inverse variance of the exposure for an error of one code, reduced towards both ends; 0 for
     /// uninformative codes.
@@ -45,7 +43,6 @@ impl Table {
             (low, if b >= white { f64::INFINITY } else { curve[b] })
         };
         Self {
-            log: curve.to_vec(),
             weight: precision.iter().enumerate().map(|(code, p)| p * fading(code)).collect(),
             precision,
             exposure,
@@ -53,10 +50,6 @@ impl Table {
             white: white as u16,
             black: black as u16,
         }
-    }
-
-    pub(super) fn log(&self, code: u16) -> f64 {
-        self.log[usize::from(code)]
     }
 
     pub(super) fn bounds(&self, code: u16) -> (f64, f64) {

@@ -3,7 +3,7 @@
 
 use std::f64::consts::TAU;
 
-use glam::{DVec2, Vec3};
+use glam::{DVec2, DVec3, Vec3};
 
 use super::circle_fit::{Circle, fit_circle};
 use super::small::Small;
@@ -17,6 +17,14 @@ const ABOUT: f64 = 0.15;
 const LEAST: usize = 24;
 /// Number of samples per pixel along a ray.
 const FINE: f64 = 2.0;
+/// Distance by which a refined circle may be off, in pixels of the reduced photograph.
+const COMMON: f64 = 3.0;
+/// Largest number of steps of the search grid on either side.
+const MAX_SPAN: f64 = 8.0;
+/// Distance of the outside of a rim from the rim, in pixels.
+const OUTSIDE: f64 = 1.5;
+/// Distance in pixels within which the last fit searches the edges.
+const CLOSE: f64 = 1.0;
 /// Smallest change of the compressed values over one pixel that counts as an edge.
 const FAINT: f32 = 0.004;
 
@@ -24,17 +32,33 @@ const FAINT: f32 = 0.004;
 /// the reduced photograph, then in the photograph itself. `None` if no circle fits these edges.
 pub(super) fn refined(rgb: &Plane<Vec3>, small: &Small, circle: &Circle, reach: f64) -> Option<Circle> {
     let step = small.step as f64;
-    let scaled = |c: &Circle, by: f64| Circle { x: c.x * by, y: c.y * by, radius: c.radius * by };
-    let read_small = |at: (usize, usize)| small.values[at];
-    let mut circle = scaled(circle, 1.0 / step);
-    for reach in [(reach / step).max(2.0), 2.0] {
-        circle = near(small.values.size(), &read_small, &circle, reach)?;
-    }
-    let circle = scaled(&circle, step);
+    let reduced = Pixels { size: small.values.size(), value: &|at| small.values[at] };
+    let circle = reduced.fit(&scaled(circle, 1.0 / step), (reach / step).max(2.0))?;
+    let circle = scaled(&reduced.fit(&circle, 2.0)?, step);
     if small.step == 1 {
         return Some(circle);
     }
-    near(rgb.size(), &|at| small.compression.apply(rgb[at]), &circle, 1.5 * step)
+    Pixels { size: rgb.size(), value: &|at| small.compression.apply(rgb[at]) }.fit(&circle, 1.5 * step)
+}
+
+/// Moves the outline of a ball to the outermost edge that most rays have in common.
+///
+/// Reflections within a ball are compressed towards its rim. Single rays often have their strongest
+/// edge there.
+pub(super) fn polished(rgb: &Plane<Vec3>, small: &Small, circle: &Circle) -> Circle {
+    let step = small.step as f64;
+    let reduced = Pixels { size: small.values.size(), value: &|at| small.values[at] };
+    let mut polished =
+        reduced.common(&scaled(circle, 1.0 / step), COMMON).map_or(*circle, |circle| scaled(&circle, step));
+    let whole = Pixels { size: rgb.size(), value: &|at| small.compression.apply(rgb[at]) };
+    if small.step > 1 {
+        polished = whole.common(&polished, COMMON * step).unwrap_or(polished);
+    }
+    whole.fit(&polished, CLOSE).unwrap_or(polished)
+}
+
+fn scaled(circle: &Circle, by: f64) -> Circle {
+    Circle { x: circle.x * by, y: circle.y * by, radius: circle.radius * by }
 }
 
 /// Returns the spread of edges about the circle that fits them best, as a share of its radius.
@@ -46,52 +70,133 @@ pub(super) fn straying(small: &Small, circle: &Circle) -> Option<f64> {
     let step = small.step as f64;
     let circle = Circle { x: circle.x / step, y: circle.y / step, radius: circle.radius / step };
     let reach = (ABOUT * circle.radius).max(2.0);
-    let read = |at: (usize, usize)| small.values[at];
-    let edges = (0..RAYS).filter_map(|ray| edge(small.values.size(), &read, &circle, reach, ray));
-    let points: Vec<DVec2> = edges.collect();
+    let reduced = Pixels { size: small.values.size(), value: &|at| small.values[at] };
+    let points = reduced.edges(&circle, reach);
     let fit = fit_circle(&points).filter(|_| points.len() >= LEAST)?;
     Some((fit.spread - 0.5).max(0.0) / fit.circle.radius)
 }
 
-/// Fits a circle to the edges within `reach` pixels of `circle`; `None` if it moves too far.
-fn near(size: (usize, usize), value: &dyn Fn((usize, usize)) -> Vec3, circle: &Circle, reach: f64) -> Option<Circle> {
-    let points: Vec<DVec2> = (0..RAYS).filter_map(|ray| edge(size, value, circle, reach, ray)).collect();
-    let fit = fit_circle(&points).filter(|_| points.len() >= LEAST)?;
-    let moved = DVec2::new(fit.circle.x - circle.x, fit.circle.y - circle.y).length();
-    let stays = moved <= 1.5 * reach && (fit.circle.radius - circle.radius).abs() <= 1.5 * reach;
-    stays.then_some(fit.circle)
+/// The pixels of a photograph.
+struct Pixels<'a> {
+    size: (usize, usize),
+    value: &'a (dyn Fn((usize, usize)) -> Vec3 + Sync),
 }
 
-/// Returns the position of the largest change along a ray, within `reach` of the circle.
-fn edge(
-    size: (usize, usize),
-    value: &dyn Fn((usize, usize)) -> Vec3,
-    circle: &Circle,
-    reach: f64,
-    ray: usize,
-) -> Option<DVec2> {
-    let centre = DVec2::new(circle.x, circle.y);
-    let outward = DVec2::from_angle(TAU * (ray as f64 + 0.5) / RAYS as f64);
-    let aside = outward.perp();
-    let count = (2.0 * reach * FINE).ceil() as usize + 3;
-    let radius = |i: f64| circle.radius - reach + (i - 1.0) / FINE;
-    // Average along the rim, so that edges across it count less.
-    let along = (0..count).map(|i| {
-        let at = centre + radius(i as f64) * outward;
-        let three = [-1.0, 0.0, 1.0].map(|d| between(size, value, at + d * aside));
-        Some((three[0]? + three[1]? + three[2]?) / 3.0)
-    });
-    let along: Vec<Vec3> = along.collect::<Option<_>>()?;
-    // Change over one pixel: half a pixel to either side.
-    let change: Vec<f32> = along.windows(3).map(|w| (w[2] - w[0]).length()).collect();
-    let most = (0..change.len()).max_by(|a, b| change[*a].total_cmp(&change[*b]))?;
-    if most == 0 || most + 1 == change.len() || change[most] < FAINT {
-        return None;
+impl Pixels<'_> {
+    /// Fits a circle to the strongest edge of each ray within `reach` pixels of `circle`; `None` if
+    /// it moves too far.
+    fn fit(&self, circle: &Circle, reach: f64) -> Option<Circle> {
+        let points = self.edges(circle, reach);
+        let fit = fit_circle(&points).filter(|_| points.len() >= LEAST)?;
+        let moved = DVec2::new(fit.circle.x - circle.x, fit.circle.y - circle.y).length();
+        let stays = moved <= 1.5 * reach && (fit.circle.radius - circle.radius).abs() <= 1.5 * reach;
+        stays.then_some(fit.circle)
     }
-    let [before, top, after] = [most - 1, most, most + 1].map(|i| f64::from(change[i]));
-    let bend = before - 2.0 * top + after;
-    let shift = if bend < 0.0 { (0.5 * (before - after) / bend).clamp(-0.5, 0.5) } else { 0.0 };
-    Some(centre + radius(most as f64 + 1.0 + shift) * outward)
+
+    /// Returns the positions of the largest change along each ray, within `reach` of the circle.
+    fn edges(&self, circle: &Circle, reach: f64) -> Vec<DVec2> {
+        let centre = DVec2::new(circle.x, circle.y);
+        let edge = |ray: usize| {
+            let change = self.change(circle, reach, ray)?;
+            let most = (0..change.len()).max_by(|a, b| change[*a].total_cmp(&change[*b]))?;
+            if most == 0 || most + 1 == change.len() || change[most] < FAINT {
+                return None;
+            }
+            let [before, top, after] = [most - 1, most, most + 1].map(|i| f64::from(change[i]));
+            let bend = before - 2.0 * top + after;
+            let shift = if bend < 0.0 { (0.5 * (before - after) / bend).clamp(-0.5, 0.5) } else { 0.0 };
+            Some(centre + (circle.radius - reach + (most as f64 + shift) / FINE) * direction(ray))
+        };
+        (0..RAYS).filter_map(edge).collect()
+    }
+
+    /// Moves a circle by at most `reach` pixels to the outermost edge of most rays.
+    ///
+    /// Each ray votes for the radii with a large share of its changes. Votes outside of the circle
+    /// count against it, since the edges of a background do not follow the rim.
+    fn common(&self, circle: &Circle, reach: f64) -> Option<Circle> {
+        let mut circle = *circle;
+        // The rim moves linearly with the centre only for small shifts, so the search is repeated.
+        for reach in [reach, 1.5] {
+            let margin = 2.0 * reach + OUTSIDE;
+            let profile = |ray| Some((direction(ray), shares(&self.change(&circle, margin, ray)?)));
+            let profiles: Vec<(DVec2, Vec<f32>)> = (0..RAYS).filter_map(profile).collect();
+            if profiles.len() < LEAST {
+                return None;
+            }
+            let score = |shift: DVec3| -> f64 {
+                let vote = |(outward, shares): &(DVec2, Vec<f32>)| {
+                    let rim = shift.x * outward.x + shift.y * outward.y + shift.z + margin;
+                    sampled(shares, rim * FINE) - sampled(shares, (rim + OUTSIDE) * FINE)
+                };
+                profiles.iter().map(vote).sum()
+            };
+            let shift = highest(&score, reach);
+            circle = Circle { x: circle.x + shift.x, y: circle.y + shift.y, radius: circle.radius + shift.z };
+        }
+        Some(circle)
+    }
+
+    /// Returns the changes over one pixel along a ray, from `reach` inside to `reach` outside the
+    /// circle; `None` if the ray leaves the picture.
+    fn change(&self, circle: &Circle, reach: f64, ray: usize) -> Option<Vec<f32>> {
+        let centre = DVec2::new(circle.x, circle.y);
+        let (outward, count) = (direction(ray), (2.0 * reach * FINE).ceil() as usize + 3);
+        let aside = outward.perp();
+        // Average along the rim, so that edges across it count less.
+        let along = (0..count).map(|i| {
+            let at = centre + (circle.radius - reach + (i as f64 - 1.0) / FINE) * outward;
+            let three = [-1.0, 0.0, 1.0].map(|d| between(self.size, self.value, at + d * aside));
+            Some((three[0]? + three[1]? + three[2]?) / 3.0)
+        });
+        let along: Vec<Vec3> = along.collect::<Option<_>>()?;
+        // Half a pixel to either side.
+        Some(along.windows(3).map(|w| (w[2] - w[0]).length()).collect())
+    }
+}
+
+fn direction(ray: usize) -> DVec2 {
+    DVec2::from_angle(TAU * (ray as f64 + 0.5) / RAYS as f64)
+}
+
+/// Returns the share of each change in the squared changes of a ray.
+fn shares(change: &[f32]) -> Vec<f32> {
+    let square = |v: &f32| v * v;
+    let mean = change.iter().map(square).sum::<f32>() / change.len() as f32 + FAINT * FAINT;
+    change.iter().map(|v| square(v) / (square(v) + mean)).collect()
+}
+
+/// Interpolates between samples; zero outside.
+fn sampled(of: &[f32], at: f64) -> f64 {
+    let low = at as usize;
+    if at < 0.0 || low + 1 >= of.len() {
+        return 0.0;
+    }
+    f64::from(of[low]) + at.fract() * f64::from(of[low + 1] - of[low])
+}
+
+/// Returns the shift of highest score within `reach`: the best of a grid, then of finer grids.
+fn highest(score: &dyn Fn(DVec3) -> f64, reach: f64) -> DVec3 {
+    let mut step = f64::max(0.5, reach / MAX_SPAN);
+    let (mut best, mut most) = (DVec3::ZERO, score(DVec3::ZERO));
+    let mut span = (reach / step) as i32;
+    while step > 0.02 {
+        let middle = best;
+        let along = move || (-span..=span).map(move |i| step * f64::from(i));
+        for dx in along() {
+            for dy in along() {
+                for dr in along() {
+                    let shift = middle + DVec3::new(dx, dy, dr);
+                    let value = score(shift);
+                    if value > most {
+                        (best, most) = (shift, value);
+                    }
+                }
+            }
+        }
+        (step, span) = (0.5 * step, 2);
+    }
+    best
 }
 
 /// Interpolates the value between pixels; `None` outside the picture.

@@ -7,6 +7,7 @@ use super::balls::single;
 use super::circle::{FoundCircle, outline};
 use super::circle_fit::fit_circle;
 use super::edges::Edges;
+use super::rim::polished;
 use super::small::Small;
 use super::vote::{SURE, Sureness, Vote};
 use super::{Circle, SceneError, coverage_of, find_sphere};
@@ -122,7 +123,8 @@ fn rough(coverage: &Plane<f32>) -> Option<Circle> {
 /// Detects the outline of a ball on edges of the photograph near the outline of a coverage.
 pub(super) fn on_edges(rgb: &Plane<Vec3>, small: &Small, edges: &Edges, coverage: &Plane<f32>) -> Option<Circle> {
     let (ring, circle) = edges.settled(rgb, small, &edges.ring(&rough(coverage)?))?;
-    (edges.support(&ring) >= SURE && share_within(coverage, &circle) >= HELD).then_some(circle)
+    let is_ball = edges.support(&ring) >= SURE && share_within(coverage, &circle) >= HELD;
+    is_ball.then(|| polished(rgb, small, &circle))
 }
 
 /// Returns the share of the coverage that lies within a circle.

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::circle_fit::Circle;
 use super::edges::{Edges, Ring, distinct, sort};
-use super::rim::straying;
+use super::rim::{polished, straying};
 use super::small::Small;
 use crate::picture::Plane;
 
@@ -95,7 +95,10 @@ impl Vote {
             let others = rough.iter().chain(told[1..].iter().map(|(ring, _)| ring));
             rival = others.map(|ring| rest.scored(*ring).weight()).fold(0.0, f32::max) / first.weight();
         }
-        let candidate = |(ring, circle): (Ring, Circle)| Candidate { circle, support: edges.support(&ring) };
+        let candidate = |(ring, circle): (Ring, Circle)| {
+            let circle = polished(rgb, small, &circle);
+            Candidate { circle, support: edges.support(&ring) }
+        };
         let candidates: Vec<Candidate> = told.into_iter().take(TOLD).map(candidate).collect();
         let is_round = |first: &Candidate| {
             edges.tight_support(&edges.ring(&first.circle)) >= TIGHT

@@ -301,9 +301,11 @@ pub fn detection(detection: &Detection) -> Value {
         notes["sureness"] = json!({
             "support": sureness.support,
             "rival": sureness.rival,
+            "error": sureness.error,
             "note": "the ball was detected by its edges; support: share of the outline that coincides with an \
                      edge; rival: weight of the next candidate circle, without the edges that the ball explains, \
-                     relative to the weight of the ball",
+                     relative to the weight of the ball; error: standard error of the centre and the radius, \
+                     in pixels",
         });
     }
     if let Some((seen, inside)) = detection.pixels {

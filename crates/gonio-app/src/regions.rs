@@ -220,7 +220,7 @@ pub(crate) fn parts(
             // All regions of a ball share its outline.
             let form = match (&scene.shape.form, &scene.shape.camera) {
                 (Form::Sphere(None), None) => Form::Sphere(Some(
-                    outline_of_ball(picture, mask).map_err(|error| Problem::of_scene(&scene.name, &error))?,
+                    outline_of_ball(picture, mask).map_err(|error| Problem::of_scene(&scene.name, &error))?.0,
                 )),
                 (form, _) => form.clone(),
             };

@@ -13,7 +13,7 @@ use glam::{DQuat, DVec2, DVec3, Vec3};
 use gonio::lighting::EnvironmentMap;
 use gonio::picture::{Picture, Plane, srgb_decode, srgb_encode};
 use gonio::render::{LightTree, SphereSettings, render_sphere};
-use gonio::scene::{Circle, SceneError, outline_of_ball};
+use gonio::scene::{Circle, outline_of_ball};
 use gonio::simulation::generator;
 use rand::{Rng, RngExt};
 use rand_distr::{Distribution, StandardNormal};
@@ -51,18 +51,20 @@ pub(crate) struct Options {
 pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
     let lights = if options.test { Lights::open(data)? } else { Lights::training(data)? };
     let materials = Materials::open(data, None)?.with_outside(data)?;
-    let (mut errors, mut refused, mut missed) = (Vec::new(), 0, 0);
-    println!("| photograph | true circle | error (pixels) |");
-    println!("|---|---|---|");
+    let (mut errors, mut ratios, mut refused, mut missed) = (Vec::new(), Vec::new(), 0, 0);
+    println!("| photograph | true circle | error (pixels) | standard error (pixels) |");
+    println!("|---|---|---|---|");
     for number in options.first..options.first + options.balls {
         let Simulated { picture, circle, description } = simulate(number, &lights, &materials)?;
         let found = outline_of_ball(&picture, None);
-        let error = found.map(|found| error(&found, &circle)).map_err(|reason: SceneError| reason.to_string());
         let true_circle = format!("{:.2}, {:.2}, radius {:.2}", circle.x, circle.y, circle.radius);
-        match error {
-            Ok(error) => {
-                println!("| {number}: {description} | {true_circle} | {error:.2} |");
+        match found {
+            Ok((found, sureness)) => {
+                let error = error(&found, &circle);
+                let expected = sureness.map_or(f64::NAN, |sureness| sureness.error);
+                println!("| {number}: {description} | {true_circle} | {error:.2} | {expected:.2} |");
                 errors.push(error);
+                ratios.push(error / expected);
                 if error > CORRECT {
                     missed += 1;
                     if let Some(folder) = &options.failures {
@@ -72,7 +74,7 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
                 }
             }
             Err(reason) => {
-                println!("| {number}: {description} | {true_circle} | {reason} |");
+                println!("| {number}: {description} | {true_circle} | {reason} | |");
                 refused += 1;
             }
         }
@@ -87,6 +89,14 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
         at(0.9),
         at(0.99),
         errors.last().copied().unwrap_or(f64::NAN),
+    );
+    ratios.retain(|ratio| ratio.is_finite());
+    let within = |most: f64| 100.0 * ratios.iter().filter(|r| **r <= most).count() as f64 / ratios.len() as f64;
+    println!(
+        "errors within 1, 2 and 3 standard errors: {:.0}, {:.0} and {:.0} %",
+        within(1.0),
+        within(2.0),
+        within(3.0)
     );
     Ok(())
 }
@@ -113,8 +123,9 @@ struct Outline {
 impl Outline {
     /// Returns the outline of a ball in perspective.
     ///
-    /// `place` is the direction to its centre, whose length is the tangent of the angle to the axis
-    /// of the camera; `sine` is the sine of its angular radius, `focal` the focal length in pixels.
+    /// `place` is the direction to its centre. The length of `place` is the tangent of the angle to
+    /// the axis of the camera. `sine` is the sine of the angular radius of the ball, and `focal`
+    /// the focal length in pixels.
     fn of(place: DVec2, sine: f64, focal: f64) -> Self {
         let radial = place.normalize_or(DVec2::X);
         let (angle, half) = (place.length().atan(), sine.asin());
@@ -125,7 +136,7 @@ impl Outline {
         Self { centre: 0.5 * (near + far) * radial, radial, axes: (along, across) }
     }
 
-    /// Returns the position on the disk of a place in the picture: on the unit circle for the outline.
+    /// Returns the position on the unit disk of a place in the picture.
     fn disk(&self, place: DVec2) -> DVec2 {
         let off = place - self.centre;
         let (along, across) = (off.dot(self.radial) / self.axes.0, off.dot(self.radial.perp()) / self.axes.1);

@@ -176,6 +176,22 @@ fn merged_brackets_reproduce_the_radiance() {
 }
 
 #[test]
+fn aligns_a_shifted_exposure_unless_disabled() {
+    let (bench, scene) = bench();
+    let shifted = Plane::from_fn(SIDE, SIDE, |x, y| scene.rgb[((x + 9) % SIDE, y)]);
+    bench.write("shifted.png", &png(&expose(&shifted, 0.125), Some(exif(8, 1, Some(1)))));
+    let line = "merge 1.png 2.png shifted.png 4.png --response curve.csv -o out.exr";
+    let run = bench.run(line).succeeds();
+    assert!(run.stdout.contains("4 exposures (1 aligned by up to 9 pixels)"), "{run:?}");
+    let errors = errors(&read(&bench, "out.exr"), &scene.rgb, false);
+    assert!(at(&errors, 0.99) < 0.02, "{}", at(&errors, 0.99));
+    let run = bench.run(&format!("{line} --no-align")).succeeds();
+    assert!(run.stderr.contains("shifted.png: contradicts the other exposures and is left out"), "{run:?}");
+    let run = bench.run(&format!("{line} --no-align --trust-times")).succeeds();
+    assert!(!run.stderr.contains("left out"), "{run:?}");
+}
+
+#[test]
 fn infer_ignores_and_counts_clipped_pixels() {
     let (bench, scene) = bench();
     let white = scene.alpha.as_ref().unwrap().map(|a| Vec3::splat(*a));
@@ -201,8 +217,8 @@ fn rejects_invalid_brackets() {
     bench.write("other.png", &png(&image, Some(exif(8, 1, None))));
     bench.write("small.png", &png(&RgbImage::new(64, 32), Some(exif(8, 1, Some(1)))));
     bench.write("hdr.exr", &exr(scene));
-    let shifted = Plane::from_fn(SIDE, SIDE, |x, y| scene.rgb[((x + 9) % SIDE, y)]);
-    bench.write("shifted.png", &png(&expose(&shifted, 0.125), Some(exif(8, 1, Some(1)))));
+    let mirrored = Plane::from_fn(SIDE, SIDE, |x, y| scene.rgb[(SIDE - 1 - x, y)]);
+    bench.write("mirrored.png", &png(&expose(&mirrored, 0.125), Some(exif(8, 1, Some(1)))));
     bench.write("short.jpg", &bench.read("3.jpg")[..600]);
     bench.write("falls.csv", b"0,1\n1,0\n");
     bench.write("full.csv", b"x");
@@ -222,10 +238,10 @@ fn rejects_invalid_brackets() {
         ("2.png 3.png --times 1,x", &["--times"]),
         ("2.png 3.png --times 1,0", &["--times"]),
         ("2.png 3.png --times 1/32,1 --response curve.csv", &["contradict their times"]),
-        ("2.png 4.png shifted.png --response curve.csv", &["2.png and 2 more: ", "exposures"]),
+        ("2.png 4.png mirrored.png --response curve.csv", &["2.png and 2 more: ", "exposures"]),
         ("2.png 3.png --response none.csv", &["none.csv: cannot open"]),
         ("2.png 3.png --response falls.csv", &["falls.csv: is not a response curve", "falls"]),
-        ("2.png 2.png", &["the response curve cannot be recovered"]),
+        ("2.png 2.png", &["the exposures have the same time", "--response"]),
         ("2.png 3.png --response srgb --black-level 5", &["black level"]),
         ("2.png 3.png --linear --black-level 300", &["black level 300"]),
         ("2.png 3.png --linear --response srgb", &["--linear", "--response"]),

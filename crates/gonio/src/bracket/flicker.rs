@@ -20,7 +20,8 @@ const MAX_PIXELS: usize = 1 << 16;
 const MIN_GAIN: f64 = 0.02;
 /// Smallest veil that is corrected, as a share of the median radiance.
 const MIN_VEIL: f64 = 0.02;
-/// Share to which a veil must reduce the median disagreement of two exposures.
+/// Share to which gains of each channel, or a veil, must reduce the median disagreement of two
+/// exposures.
 const IMPROVED: f64 = 0.7;
 /// Number of rounds of robust regression.
 const ROUNDS: usize = 12;
@@ -34,12 +35,29 @@ struct Difference {
     veil: [f64; 3],
 }
 
+impl Difference {
+    /// Returns the relative error of the brightness that follows from the shorter exposure.
+    fn residual(&self, s: &Sample) -> f64 {
+        (s.y - self.veil[s.channel]) / (self.log_gain[s.channel].exp() * s.x) - 1.0
+    }
+}
+
+/// Radiance of a channel of one pixel, by two exposures.
+#[derive(Clone, Copy, Debug)]
+struct Sample {
+    channel: usize,
+    /// By the shorter exposure.
+    x: f64,
+    /// By the longer exposure.
+    y: f64,
+}
+
 /// Estimates gains and veils, and stores them in the corrections of the frames.
 ///
 /// Returns the relative excess of each exposure's brightness over that expected from its time,
-/// relative to the next shorter exposure (0 for the shortest): the median over samples that are
-/// well exposed in both. If the response was `recovered` from these frames, a common factor between
-/// neighbours is an error of the response, not of the gains.
+/// relative to the next shorter exposure (0 for the shortest). An excess is the median over samples
+/// that are well exposed in both. If the response was `recovered` from these frames, a common
+/// factor between neighbours is an error of the response, not of the gains.
 ///
 /// # Errors
 /// [`BracketError::Times`] if an excess is larger than 25 %, unless the times are `trusted`;
@@ -74,7 +92,7 @@ pub(super) fn correct(
     Ok(errors)
 }
 
-/// Stores the products of the gains along the chain of exposures, with a median of 1, and the veils.
+/// Stores the products of the gains along the chain of exposures, with a median of 1, and veils.
 fn store(frames: &mut [Frame<'_>], order: &[usize], differences: &[Option<Difference>], recovered: bool) {
     for channel in 0..3 {
         let of_pairs: Vec<f64> = differences.iter().map(|d| d.map_or(0.0, |d| d.log_gain[channel])).collect();
@@ -104,54 +122,65 @@ fn difference(a: &Frame<'_>, b: &Frame<'_>, tables: &[Table; 3]) -> Option<Diffe
     let step = (width * height).div_ceil(MAX_PIXELS).max(1);
     let max = f64::from(a.max());
     let middle = |code: u16| MIDDLE.contains(&(f64::from(code) / max));
-    let samples: Vec<(usize, f64, f64)> = (0..width * height)
+    let samples: Vec<Sample> = (0..width * height)
         .into_par_iter()
         .step_by(step)
         .filter_map(|i| Some((a.at(i)?, b.at(i)?)))
         .flat_map_iter(|(of_a, of_b)| {
             let radiance =
                 |frame: &Frame<'_>, codes: [u16; 3], c: usize| tables[c].exposure[usize::from(codes[c])] / frame.stated;
-            (0..3)
-                .filter(move |&c| middle(of_a[c]) && middle(of_b[c]))
-                .map(move |c| (c, radiance(a, of_a, c), radiance(b, of_b, c)))
+            (0..3).filter(move |&c| middle(of_a[c]) && middle(of_b[c])).map(move |c| Sample {
+                channel: c,
+                x: radiance(a, of_a, c),
+                y: radiance(b, of_b, c),
+            })
         })
         .collect();
     if samples.len() < MIN_SAMPLES {
         return None;
     }
-    let mut all = Difference { log_gain: [0.0; 3], veil: [0.0; 3] };
-    let ratio = |pairs: &[(f64, f64)]| median(&mut pairs.iter().map(|(x, y)| (y / x).ln()).collect::<Vec<_>>());
-    let every: Vec<(f64, f64)> = samples.iter().map(|(_, x, y)| (*x, *y)).collect();
-    let typical = ratio(&every)?;
+    let ratio = |pairs: &[Sample]| median(&mut pairs.iter().map(|s| (s.y / s.x).ln()).collect::<Vec<_>>());
+    let typical = ratio(&samples)?;
+    let plain = Difference { log_gain: [typical; 3], veil: [0.0; 3] };
+    let (mut coloured, mut veiled) = (plain, plain);
+    let mut log_gains = Vec::new();
     for channel in 0..3 {
-        let pairs: Vec<(f64, f64)> = samples.iter().filter(|s| s.0 == channel).map(|s| (s.1, s.2)).collect();
-        if pairs.len() < MIN_SAMPLES {
-            all.log_gain[channel] = typical;
+        let of_channel: Vec<Sample> = samples.iter().filter(|s| s.channel == channel).copied().collect();
+        if of_channel.len() < MIN_SAMPLES {
             continue;
         }
-        let plain = ratio(&pairs)?;
-        let (gain, veil) = line(&pairs, plain.exp());
-        let off = |gain: f64, veil: f64| {
-            median(&mut pairs.iter().map(|(x, y)| ((y - veil) / (gain * x) - 1.0).abs()).collect::<Vec<_>>())
-        };
-        let brightness = median(&mut pairs.iter().map(|(x, _)| *x).collect::<Vec<_>>())?;
-        let is_veiled =
-            veil.abs() > MIN_VEIL * brightness && gain > 0.0 && off(gain, veil)? < IMPROVED * off(plain.exp(), 0.0)?;
-        (all.log_gain[channel], all.veil[channel]) = if is_veiled { (gain.ln(), veil) } else { (plain, 0.0) };
+        coloured.log_gain[channel] = ratio(&of_channel)?;
+        let (gain, veil) = line(&of_channel, coloured.log_gain[channel].exp());
+        let brightness = median(&mut of_channel.iter().map(|s| s.x).collect::<Vec<_>>())?;
+        if gain > 0.0 && veil.abs() > MIN_VEIL * brightness {
+            log_gains.push(gain.ln());
+            veiled.veil[channel] = veil;
+        }
     }
-    Some(all)
+    // The gain of a veiled exposure is that of the channels with a veil.
+    veiled.log_gain = [median(&mut log_gains).unwrap_or(typical); 3];
+    // Chroma subsampling of JPEG looks like a gain or a veil of one channel.
+    let off = |of: &Difference| median(&mut samples.iter().map(|s| of.residual(s).abs()).collect::<Vec<_>>());
+    let mut best = plain;
+    for more in [coloured, veiled] {
+        if off(&more)? < IMPROVED * off(&best)? {
+            best = more;
+        }
+    }
+    Some(best)
 }
 
 /// Fits `y = gain x + veil` by robust regression of relative errors.
-fn line(pairs: &[(f64, f64)], gain: f64) -> (f64, f64) {
+fn line(samples: &[Sample], gain: f64) -> (f64, f64) {
     let (mut gain, mut veil) = (gain, 0.0);
     for _ in 0..ROUNDS {
-        let residual = |&(x, y): &(f64, f64)| (y - gain * x - veil) / (gain * x);
-        let spread = median(&mut pairs.iter().map(|p| residual(p).abs()).collect::<Vec<_>>()).unwrap_or(0.0).max(1e-4);
+        let residual = |s: &Sample| (s.y - gain * s.x - veil) / (gain * s.x);
+        let spread =
+            median(&mut samples.iter().map(|s| residual(s).abs()).collect::<Vec<_>>()).unwrap_or(0.0).max(1e-4);
         let (mut w, mut wx, mut wy, mut wxx, mut wxy) = (0.0, 0.0, 0.0, 0.0, 0.0);
-        for pair in pairs {
-            let (x, y) = *pair;
-            let weight = 1.0 / (1.0 + (residual(pair) / (2.0 * spread)).powi(2)) / (x * x);
+        for sample in samples {
+            let Sample { x, y, .. } = *sample;
+            let weight = 1.0 / (1.0 + (residual(sample) / (2.0 * spread)).powi(2)) / (x * x);
             w += weight;
             wx += weight * x;
             wy += weight * y;

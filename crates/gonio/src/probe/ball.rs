@@ -80,7 +80,7 @@ impl MirrorBall {
     pub(super) fn find(picture: &Picture, mask: Option<&Plane<f32>>, object: &Object) -> Result<Self, ProbeError> {
         match object {
             Object::Sphere(Some(circle)) => Self::of_circle(*circle, picture.rgb.size()),
-            Object::Sphere(None) => Self::of_circle(outline_of_ball(picture, mask)?, picture.rgb.size()),
+            Object::Sphere(None) => Self::of_circle(outline_of_ball(picture, mask)?.0, picture.rgb.size()),
             Object::Ball(camera) => {
                 let ball = find_ball(&outlined(picture, mask)?, camera)?;
                 Self::new(*camera, ball.centre(), ball.first_axis())

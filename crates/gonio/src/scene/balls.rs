@@ -5,7 +5,7 @@ use super::components::flood;
 use super::edges::Edges;
 use super::small::Small;
 use super::spot::{SIDE, is_crisp, on_edges, spot};
-use super::{Circle, SceneError, coverage_of, find_sphere};
+use super::{Circle, SceneError, Sureness, coverage_of, find_sphere};
 use crate::picture::{Picture, Plane};
 
 /// Smallest number of pixels of a ball, and smallest share of the pixels of the largest one.
@@ -27,7 +27,8 @@ pub struct Extent {
     pub circle: Option<Circle>,
 }
 
-/// Returns the outline of the largest ball in a picture.
+/// Returns the outline of the largest ball in a picture, and its reliability if it was detected by
+/// its edges.
 ///
 /// The object is given by `mask`, else by the alpha channel, a plain background, or edges.
 ///
@@ -35,8 +36,8 @@ pub struct Extent {
 /// Errors of the outline ([`SceneError::is_of_outline`]); [`SceneError::Several`] for several
 /// objects without a mask; [`SceneError::Unsure`] and [`SceneError::NoOutline`] if no ball is
 /// detected reliably.
-pub fn outline_of_ball(picture: &Picture, mask: Option<&Plane<f32>>) -> Result<Circle, SceneError> {
-    Ok(spot(picture, mask)?.circle)
+pub fn outline_of_ball(picture: &Picture, mask: Option<&Plane<f32>>) -> Result<(Circle, Option<Sureness>), SceneError> {
+    spot(picture, mask).map(|spotted| (spotted.circle, spotted.sureness))
 }
 
 /// Returns the coverage of each ball that touches no other, by decreasing size.
@@ -151,7 +152,7 @@ mod tests {
         assert_eq!(parts.len(), 2);
         assert!(parts[0][(110, 40)] == 1.0 && parts[0][(40, 40)] == 0.0);
         assert!(parts[1][(40, 40)] == 1.0 && parts[1][(110, 40)] == 0.0 && parts[1][(155, 40)] == 0.0);
-        let outline = outline_of_ball(&picture, Some(&parts[1])).unwrap();
+        let (outline, _) = outline_of_ball(&picture, Some(&parts[1])).unwrap();
         assert!((outline.x - 40.5).abs() < 0.5 && (outline.radius - 20.0).abs() < 0.7, "{outline:?}");
         let plain = Picture { rgb: Plane::from_fn(20, 20, |x, y| Vec3::splat((x + 20 * y) as f32)), alpha: None };
         assert!(separate_balls(&plain, None).is_empty());

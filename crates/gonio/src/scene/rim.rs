@@ -25,6 +25,10 @@ const MAX_SPAN: f64 = 8.0;
 const OUTSIDE: f64 = 1.5;
 /// Distance in pixels within which the last fit searches the edges.
 const CLOSE: f64 = 1.0;
+/// Number of sectors of rays that are left out in turn to estimate the standard error.
+const SECTORS: usize = 12;
+/// Standard error of an outline whose sectors agree, in pixels: the discretisation of the edges.
+const LEAST_ERROR: f64 = 0.1;
 /// Smallest change of the compressed values over one pixel that counts as an edge.
 const FAINT: f32 = 0.004;
 
@@ -55,6 +59,30 @@ pub(super) fn polished(rgb: &Plane<Vec3>, small: &Small, circle: &Circle) -> Cir
         polished = whole.common(&polished, COMMON * step).unwrap_or(polished);
     }
     whole.fit(&polished, CLOSE).unwrap_or(polished)
+}
+
+/// Estimates the standard error of an outline, in pixels: the largest of those of the coordinates
+/// of the centre and of the radius; infinite if there are too few edges.
+///
+/// The estimate is a jackknife over sectors of the outline, because the errors of neighbouring
+/// edges are correlated.
+pub(super) fn standard_error(rgb: &Plane<Vec3>, small: &Small, circle: &Circle) -> f64 {
+    let whole = Pixels { size: rgb.size(), value: &|at| small.compression.apply(rgb[at]) };
+    let edges = whole.edges(circle, CLOSE);
+    let sector = |edge: &DVec2| {
+        let turn = (edge - DVec2::new(circle.x, circle.y)).to_angle().rem_euclid(TAU) / TAU;
+        (turn * SECTORS as f64) as usize
+    };
+    let without = |out: usize| {
+        let rest: Vec<DVec2> = edges.iter().filter(|edge| sector(edge) != out).copied().collect();
+        let fit = fit_circle(&rest).filter(|_| rest.len() >= LEAST)?.circle;
+        Some(DVec3::new(fit.x, fit.y, fit.radius))
+    };
+    let Some(fits) = (0..SECTORS).map(without).collect::<Option<Vec<DVec3>>>() else { return f64::INFINITY };
+    let mean = fits.iter().sum::<DVec3>() / SECTORS as f64;
+    let squares = fits.iter().map(|fit| (fit - mean) * (fit - mean)).sum::<DVec3>();
+    let variance = (SECTORS - 1) as f64 / SECTORS as f64 * squares.max_element();
+    (variance + LEAST_ERROR * LEAST_ERROR).sqrt()
 }
 
 fn scaled(circle: &Circle, by: f64) -> Circle {

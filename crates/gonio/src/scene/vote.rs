@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::circle_fit::Circle;
 use super::edges::{Edges, Ring, distinct, sort};
-use super::rim::{polished, straying};
+use super::rim::{polished, standard_error, straying};
 use super::small::Small;
 use crate::picture::Plane;
 
@@ -45,12 +45,15 @@ pub struct Sureness {
     /// Weight of the next circle without the edges of the ball, relative to that of the ball; at
     /// least 0.
     pub rival: f64,
+    /// Standard error of its centre and radius, in pixels.
+    pub error: f64,
 }
 
 impl std::fmt::Display for Sureness {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let Self { support, rival } = self;
+        let Self { support, rival, error } = self;
         write!(f, "detected by its edges: {:.0} % of its outline is visible", 100.0 * support)?;
+        write!(f, ", standard error {error:.1} pixels")?;
         if *rival > 0.0 {
             write!(f, ", relative weight of the next candidate circle {:.0} %", 100.0 * rival)?;
         }
@@ -67,6 +70,8 @@ pub(super) struct Vote {
     rival: f64,
     /// Whether the edges around the first are as round as those of a ball.
     round: bool,
+    /// Standard error of the first, in pixels.
+    error: f64,
 }
 
 impl Vote {
@@ -76,7 +81,7 @@ impl Vote {
     pub(super) fn winner(&self, alone: bool) -> Option<(Circle, Sureness)> {
         let Candidate { circle, support } = *self.candidates.first()?;
         let is_sure = self.round && support >= SURE && (alone || self.rival <= MOST_RIVAL);
-        is_sure.then_some((circle, Sureness { support, rival: self.rival }))
+        is_sure.then_some((circle, Sureness { support, rival: self.rival, error: self.error }))
     }
 
     /// Detects the distinct circles of a photograph, including those near a `hint`.
@@ -105,6 +110,7 @@ impl Vote {
                 || straying(small, &first.circle).is_some_and(|share| share <= MOST_STRAYING)
         };
         let round = candidates.first().is_some_and(is_round);
-        Self { candidates, rival: rival.into(), round }
+        let error = candidates.first().map_or(f64::INFINITY, |first| standard_error(rgb, small, &first.circle));
+        Self { candidates, rival: rival.into(), round, error }
     }
 }

@@ -7,9 +7,10 @@
 //!   zero. Colour stays multiplied by alpha, as the format defines it.
 //! * Radiance HDR: values divided by the products of the `EXPOSURE` and `COLORCORR` lines.
 //! * PFM: values times the absolute value of the header's scale.
-//! * PNG, JPEG (8 and 16 bit) and TIFF (8, 16 bit, 32-bit float RGB): coded by the curve that the
-//!   file states, else by that of sRGB, unless [`ReadOptions::linear`] is set. An EXIF orientation
-//!   is applied. Colour is not multiplied by alpha.
+//! * PNG and JPEG (8 and 16 bits) and TIFF (unsigned integers of 8 to 64 bits, floats of 16 to 64
+//!   bits; in strips or tiles, with interleaved or separate channels). Integers are coded by the
+//!   curve that the file states, else by that of sRGB, unless [`ReadOptions::linear`] is set. An
+//!   EXIF orientation is applied. Colour is not multiplied by alpha.
 //! * Camera raw files, with the feature `raw`: linear camera RGB, binned; see the module `raw`.
 //!
 //! [`read`] and [`decode`] convert colours to linear Rec. 709 with white D65. The colour space is
@@ -116,17 +117,17 @@ pub enum Encoding {
     /// Integers coded with the sRGB curve, decoded to 0..=1. Such photographs are rarely
     /// proportional to radiance.
     Srgb {
-        /// Bits per sample, 8 or 16.
+        /// Bits per sample: 8, 16, or in TIFF 32 or 64.
         bits: u8,
     },
     /// Linear integers, according to the file or the caller, divided by the largest code.
     Linear {
-        /// Bits per sample, 8 or 16.
+        /// Bits per sample: 8, 16, or in TIFF 32 or 64.
         bits: u8,
     },
     /// Samples coded by another curve, that of an ICC profile, `cICP` or `gAMA`.
     Coded {
-        /// Bits per sample: 8, 16, or 32 for floats.
+        /// Bits per sample: 8, 16, in TIFF 32 or 64; 32 for floats.
         bits: u8,
     },
 }

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use glam::{DVec3, Vec3};
 use gonio::picture::Plane;
-use gonio_io::picture::{ReadOptions, Shot, read, read_mask};
+use gonio_io::picture::{Encoding, ReadOptions, Shot, read, read_mask};
 use gonio_io::{Kind, merl, mesh, normals};
 
 fn file(name: &str) -> PathBuf {
@@ -31,6 +31,25 @@ fn reads_obj_files_with_missing_normals_and_with_comments() {
 fn nodes_of_scale_zero_are_hidden() {
     let (mesh, soundness) = mesh::read_mesh(file("zero-scale-helper-node.glb")).unwrap();
     assert!(soundness.triangles > 0 && mesh.positions().iter().any(|p| p.length() > 0.5));
+}
+
+#[test]
+fn tiff_files_of_wide_integers_and_half_floats_are_read() {
+    let linear = ReadOptions { linear: true, ..ReadOptions::default() };
+    let got = read(file("uint32-rgb.tif"), &linear).unwrap();
+    assert_eq!((got.encoding, got.picture.rgb.size()), (Encoding::Linear { bits: 32 }, (64, 64)));
+    for ((x, y), codes) in [
+        ((32, 32), [2_780_783_616_u32, 2_214_507_264, 1_872_344_704]),
+        ((0, 0), [1_925_219_584, 1_549_935_104, 1_303_027_712]),
+        ((40, 20), [3_928_841_728, 3_419_466_496, 3_065_322_496]),
+    ] {
+        let want = codes.map(|code| (f64::from(code) / 4_294_967_295.0) as f32);
+        assert_eq!(got.picture.rgb[(x, y)].to_array(), want, "{x},{y}");
+    }
+    let got = read(file("half-rgb.tif"), &ReadOptions::default()).unwrap();
+    assert_eq!((got.encoding, got.full_scale), (Encoding::LinearFloat, None));
+    let want = Vec3::new(0.376_708_98, 0.228_759_77, 0.159_423_83);
+    assert_eq!((got.picture.rgb.size(), got.picture.rgb[(64, 64)]), ((128, 128), want));
 }
 
 #[test]

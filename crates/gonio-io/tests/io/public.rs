@@ -34,6 +34,31 @@ fn nodes_of_scale_zero_are_hidden() {
 }
 
 #[test]
+fn quantised_positions_are_read() {
+    let (mesh, soundness) = mesh::read_mesh(file("quantized.glb")).unwrap();
+    assert_eq!((soundness.triangles, soundness.normals_computed, soundness.normals_against), (320, false, 0));
+    // Codes of the first two vertices; the node scales by 1.3.
+    for (i, codes) in
+        [DVec3::new(-11_017.0, 15_009.0, 0.0), DVec3::new(15_486.0, 15_009.0, 0.0)].into_iter().enumerate()
+    {
+        assert!((mesh.positions()[i] - 1.3 * codes / 32_767.0).length() < 1e-6, "{}", mesh.positions()[i]);
+    }
+    let largest = mesh.positions().iter().fold(DVec3::ZERO, |largest, p| largest.max(p.abs()));
+    assert!((largest - DVec3::new(1.0, 0.7, 0.5)).length() < 1e-4, "{largest}");
+}
+
+#[test]
+fn morph_targets_with_weights_displace_the_vertices() {
+    let (mesh, soundness) = mesh::read_mesh(file("morph-weight1.glb")).unwrap();
+    assert_eq!(soundness.triangles, 320);
+    // The target adds 0.8 x to y.
+    for (i, (x, y)) in [(-0.437_089_3, 0.595_455_6), (0.614_372_97, 0.595_455_6)].into_iter().enumerate() {
+        let want = DVec3::new(x, y + 0.8 * x, 0.0);
+        assert!((mesh.positions()[i] - want).length() < 1e-6, "{}", mesh.positions()[i]);
+    }
+}
+
+#[test]
 fn tiff_files_of_wide_integers_and_half_floats_are_read() {
     let linear = ReadOptions { linear: true, ..ReadOptions::default() };
     let got = read(file("uint32-rgb.tif"), &linear).unwrap();

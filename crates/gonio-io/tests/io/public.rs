@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use glam::{DVec3, Vec3};
 use gonio::picture::Plane;
+use gonio::scene::{Detection, NormalPicture, Object, ObservationSettings, SceneWarning};
 use gonio_io::picture::{Encoding, ReadOptions, Shot, read, read_mask};
 use gonio_io::{Kind, merl, mesh, normals};
 
@@ -106,6 +107,24 @@ fn encoded_normals_are_decoded() {
         });
         assert!(sound > 95 * all / 100, "{name}: {sound} of {all}");
     }
+}
+
+#[test]
+fn a_flat_background_of_a_normal_map_is_ignored() {
+    let picture = read(file("ball-clutter.exr"), &ReadOptions::default()).unwrap().picture;
+    let mask = read_mask(file("mask.png")).unwrap();
+    let detect = |mask: Option<Plane<f32>>| {
+        let normals = normals::read_normals(file("normals-flat-background.png")).unwrap();
+        let view = NormalPicture { normals, camera: None, relief: None, trusted: false };
+        Detection::of(&picture, mask, Object::Normals(Box::new(view)), &ObservationSettings::default()).unwrap()
+    };
+    let (alone, masked) = (detect(None), detect(Some(mask.clone())));
+    let outside = mask.as_slice().iter().filter(|m| **m < 0.5).count();
+    assert_eq!(alone.scene_warnings[0], SceneWarning::FlatBackground { pixels: outside });
+    assert!(!masked.scene_warnings.iter().any(|it| matches!(it, SceneWarning::FlatBackground { .. })));
+    let pixels = |detection: &Detection| detection.observations.report.observed_pixels;
+    let (alone, masked) = (pixels(&alone), pixels(&masked));
+    assert!(alone <= masked && 100 * alone > 95 * masked, "{alone} of {masked}");
 }
 
 #[test]

@@ -5,7 +5,8 @@
 //!   or other usual names, with or without the prefix of a layer; 16/32-bit float or 32-bit
 //!   integer. The picture has the size of the display window; pixels outside the data window are
 //!   zero. Colour stays multiplied by alpha, as the format defines it.
-//! * Radiance HDR: values divided by the products of the `EXPOSURE` and `COLORCORR` lines.
+//! * Radiance HDR: values divided by the products of the `EXPOSURE` and `COLORCORR` lines; pixels
+//!   in any of the eight axis orders.
 //! * PFM: values times the absolute value of the header's scale.
 //! * PNG and JPEG (8 and 16 bits) and TIFF (unsigned integers of 8 to 64 bits, floats of 16 to 64
 //!   bits; in strips or tiles, with interleaved or separate channels). Integers are coded by the

@@ -1,10 +1,11 @@
 //! Pictures on disk: photographs, light maps, masks.
 //!
 //! The format is recognised by content, never by the name. Conventions:
-//! * OpenEXR: channels `R G B [A]`, `Y [A]` (grey) or `Y RY BY [A]` (not subsampled), under these
-//!   or other usual names, with or without the prefix of a layer; 16/32-bit float or 32-bit
-//!   integer. The picture has the size of the display window; pixels outside the data window are
-//!   zero. Colour stays multiplied by alpha, as the format defines it.
+//! * OpenEXR: channels `R G B [A]`, `Y [A]` (grey) or `Y RY BY [A]` (luminance and chroma), under
+//!   these or other usual names, with or without the prefix of a layer; 16/32-bit float or 32-bit
+//!   integer. Subsampled channels are interpolated linearly. The picture has the size of the
+//!   display window; pixels outside the data window are zero. Colour stays multiplied by alpha, as
+//!   the format defines it.
 //! * Radiance HDR: values divided by the products of the `EXPOSURE` and `COLORCORR` lines; pixels
 //!   in any of the eight axis orders.
 //! * PFM: values times the absolute value of the header's scale.
@@ -40,6 +41,7 @@ mod raw;
 mod response;
 mod shot;
 mod space;
+mod subsampled;
 mod tiff;
 mod write;
 

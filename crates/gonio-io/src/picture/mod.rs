@@ -308,6 +308,10 @@ mod tests {
     #[test]
     fn unknown_formats_are_distinguished_from_damaged_files() {
         check("a.webp", b"RIFF....WEBP", Kind::Unsupported, "is a .webp file");
+        for name in ["a.mat", "a.npz", "a.bin", "a.npy"] {
+            let message = "which is not a supported image format; use EXR, HDR, PFM, PNG, JPEG or TIFF";
+            check(name, b"PK\x03\x04 or other", Kind::Unsupported, message);
+        }
         check("a", b"what is this", Kind::Unsupported, "unknown image format");
         check("a.exr", b"what is this", Kind::Damaged, "does not have the header of a .exr file");
         check("a.nef", b"MM\0\x2a rest", Kind::Unsupported, "raw");

@@ -221,7 +221,7 @@ fn single(
             let problem = "a black level applies only to linear integer images; set the option for linear values, or no black level";
             return Err(Problem::of(path.display(), problem));
         };
-        let max = f64::from((1_u32 << bits) - 1);
+        let max = 2_f64.powi(bits.into()) - 1.0;
         check_black(code, max)?;
         subtract_black(&mut decoded, (code / max) as f32);
     }

@@ -208,7 +208,9 @@ impl Names {
             | SceneWarning::OtherColour { .. } => {
                 format!("{}: {odd}", self.image)
             }
-            SceneWarning::Contradiction(_) => format!("{}: {odd}", self.shape.as_ref().unwrap_or(&self.image)),
+            SceneWarning::Contradiction(_) | SceneWarning::FlatBackground { .. } => {
+                format!("{}: {odd}", self.shape.as_ref().unwrap_or(&self.image))
+            }
             SceneWarning::Misplaced { .. } | SceneWarning::Inside { .. } => format!("{}: {odd}", self.whole),
         };
         Warning::new(text, odd.suggestions())

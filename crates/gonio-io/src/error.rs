@@ -75,6 +75,14 @@ impl Error {
         self
     }
 
+    /// Replaces the advice of an error of [`Kind::Unsupported`].
+    pub(crate) fn with_formats(mut self, advice: &str) -> Self {
+        if self.kind() == Kind::Unsupported {
+            advice.clone_into(&mut self.0.advice);
+        }
+        self
+    }
+
     fn new(kind: Kind, path: &Path, problem: impl Into<String>, advice: impl Into<String>) -> Self {
         let (problem, advice) = (problem.into(), advice.into());
         Self(Box::new(Inner { kind, path: path.to_owned(), problem, advice, suggestion: None, os: None }))

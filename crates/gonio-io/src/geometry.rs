@@ -72,7 +72,7 @@ pub fn decode_depth(path: &Path, bytes: &[u8], options: &DepthOptions) -> Result
         let (width, height) = options.read.check_size(path, width as u64, height as u64)?;
         Plane::from_vec(width, height, array.values.iter().map(|v| depth(*v)).collect())
     } else {
-        match Format::of(path, bytes)? {
+        match Format::of(path, bytes).map_err(|e| e.with_formats("use EXR, NPY, PFM, or 16-bit PNG or TIFF"))? {
             Format::Exr => {
                 let select = |headers: &[Header]| select_depth(path, headers);
                 let (width, height, planes) = picture::read_channels(path, bytes, &options.read, select)?;
@@ -136,7 +136,7 @@ pub fn decode_positions(path: &Path, bytes: &[u8], options: &ReadOptions) -> Res
             let problem = "has a format that cannot store positions";
             Error::unsupported(path, problem, "use EXR or NPY")
         };
-        match Format::of(path, bytes)? {
+        match Format::of(path, bytes).map_err(|e| e.with_formats("use EXR, NPY, PFM, or TIFF of floats"))? {
             Format::Exr => {
                 let select = |headers: &[Header]| select_places(path, headers);
                 let (width, height, planes) = picture::read_channels(path, bytes, options, select)?;

@@ -47,7 +47,7 @@ pub fn decode(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Plane<
     if bytes.starts_with(npy::MAGIC) {
         return from_npy(path, bytes, options);
     }
-    match Format::of(path, bytes)? {
+    match Format::of(path, bytes).map_err(|e| e.with_formats("use EXR, NPY, PFM, PNG, TIFF or JPEG"))? {
         Format::Exr => {
             let (width, height, planes) = picture::read_channels(path, bytes, options, |h| select(path, h))?;
             let [x, y, z] = planes.as_slice() else { return Err(Error::damaged(path, "has no normals")) };
@@ -222,6 +222,19 @@ mod tests {
                 let got = read(&bytes.into_inner()).unwrap()[(0, 0)];
                 assert!((got - n.normalize()).length() < 4e-5, "{got}");
             }
+        }
+    }
+
+    #[test]
+    fn errors_list_the_formats_of_normal_maps() {
+        for name in ["n.mat", "n.npz", "n.bin"] {
+            let error = super::decode(Path::new(name), b"PK\x03\x04 or other", &ReadOptions::default()).unwrap_err();
+            let extension = &name[1..];
+            let want = format!(
+                "{name}: is a {extension} file, which is not a supported image format; use EXR, NPY, PFM, PNG, TIFF or \
+                 JPEG"
+            );
+            assert_eq!(error.to_string(), want);
         }
     }
 

@@ -8,7 +8,8 @@
 //!   `face`, of any types.
 //! * glTF: all meshes of the default scene (the first, if none is marked as default) with the
 //!   transformations of their nodes. Buffers may be embedded, or files in the folder of the file or
-//!   below. Compressed geometry, skins and quantised positions are rejected.
+//!   below. Morph targets have the weights of their node or mesh. Positions and normals may be
+//!   quantised (`KHR_mesh_quantization`). Compressed geometry and skins are rejected.
 //!
 //! Axes and units are those of the file; a pose (`docs/camera.md`) puts the object in front of the
 //! camera.

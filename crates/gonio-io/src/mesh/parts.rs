@@ -11,6 +11,9 @@ use crate::Error;
 /// Largest number of corners of a concave polygon; the time to triangulate it grows with the cube.
 const MAX_CONCAVE: usize = 256;
 
+/// Largest number of displaced vertices in all morph targets of a file.
+const MAX_DISPLACEMENTS: u64 = 1 << 27;
+
 /// Contents collected from a file.
 pub(super) struct Parts<'a> {
     path: &'a Path,
@@ -18,11 +21,14 @@ pub(super) struct Parts<'a> {
     triangles: Vec<[u32; 3]>,
     normals: Vec<[DVec3; 3]>,
     any_normals: bool,
+    /// Number of displaced vertices in the morph targets read so far.
+    displacements: u64,
 }
 
 impl<'a> Parts<'a> {
     pub(super) fn new(path: &'a Path) -> Self {
-        Self { path, positions: Vec::new(), triangles: Vec::new(), normals: Vec::new(), any_normals: false }
+        let (positions, triangles, normals) = (Vec::new(), Vec::new(), Vec::new());
+        Self { path, positions, triangles, normals, any_normals: false, displacements: 0 }
     }
 
     /// Returns whether there are no triangles yet.
@@ -36,6 +42,17 @@ impl<'a> Parts<'a> {
         if most.saturating_add(more) > MAX_TRIANGLES as u64 {
             let problem = format!("has more than {MAX_TRIANGLES} triangles or vertices");
             return Err(Error::limits(self.path, problem, "simplify the mesh"));
+        }
+        Ok(())
+    }
+
+    /// Checks that `more` displaced vertices in morph targets do not exceed the limit. Targets may
+    /// share their data, so a small file could have very many.
+    pub(super) fn room_for_displacements(&mut self, more: u64) -> Result<(), Error> {
+        self.displacements = self.displacements.saturating_add(more);
+        if self.displacements > MAX_DISPLACEMENTS {
+            let problem = format!("has more than {MAX_DISPLACEMENTS} displaced vertices in morph targets");
+            return Err(Error::limits(self.path, problem, "apply the morph targets before exporting"));
         }
         Ok(())
     }

@@ -112,8 +112,8 @@ fn decode_codes(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Code
         }
         _ => return Err(not_coded(path)),
     };
-    let integer::Loaded { image, orientation, embedded } = integer::load(path, bytes, format, options)?;
-    let space = space_of(embedded.stated, !image.color().has_color(), options.colour_space);
+    let integer::Loaded { image, samples, orientation, embedded } = integer::load(path, bytes, format, options)?;
+    let space = space_of(embedded.stated, samples.is_grey, options.colour_space);
     let (codes, alpha) = codes_of(path, image, orientation)?;
     Ok(Coded { codes, alpha, orientation, shot: Shot::of(bytes), linear: false, space })
 }

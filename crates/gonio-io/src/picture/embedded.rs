@@ -38,10 +38,21 @@ impl Embedded {
             return Ok(Self::of_png(colour_chunks(path, bytes)?));
         }
         // Unreadable metadata must not prevent reading the picture.
-        let profile = match format {
-            ImageFormat::Tiff => tiff::icc_profile(bytes).map(<[u8]>::to_vec),
-            _ => decoder.icc_profile().ok().flatten(),
-        };
+        match format {
+            ImageFormat::Tiff => Self::of_tiff(path, bytes),
+            _ => Self::of_bytes(path, decoder.icc_profile().ok().flatten()),
+        }
+    }
+
+    /// Reads the colour information of a TIFF file.
+    ///
+    /// # Errors
+    /// Like [`of`](Self::of).
+    pub(super) fn of_tiff(path: &Path, bytes: &[u8]) -> Result<Self, Error> {
+        Self::of_bytes(path, tiff::icc_profile(bytes).map(<[u8]>::to_vec))
+    }
+
+    fn of_bytes(path: &Path, profile: Option<Vec<u8>>) -> Result<Self, Error> {
         let Some(profile) = profile.filter(|profile| !profile.is_empty()) else { return Ok(Self::default()) };
         if profile.len() > MAX_PROFILE {
             let problem = format!("has an ICC profile of more than {MAX_PROFILE} bytes");

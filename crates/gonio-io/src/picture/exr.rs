@@ -17,6 +17,7 @@ use rayon::prelude::*;
 
 use super::layers::{Chosen, Colours, Selection, choose};
 use super::space::{Conversion, InputSpace, SpaceSource, Stated};
+use super::subsampled::{Subsampled, at_full_resolution};
 use super::{Decoded, Encoding, LayerChoice, ReadOptions};
 use crate::colour_space::{ColourSpace, Primaries};
 use crate::{Error, guard};
@@ -105,10 +106,13 @@ pub(crate) fn read_channels(
     select: impl FnOnce(&[Header]) -> Result<Selection, Error>,
 ) -> Result<(usize, usize, Vec<Vec<f32>>), Error> {
     let failed = |e| explain(path, e);
+    let full = at_full_resolution(bytes);
+    let (bytes, sampling) = full.as_ref().map_or((bytes, None), |(bytes, sampling)| (bytes.as_slice(), Some(sampling)));
     guard::catching(path, "OpenEXR", || {
         let reader = exr::block::read(Cursor::new(bytes), false).map_err(failed)?;
         let selection = select(reader.headers())?;
-        let mut canvas = Canvas::new(path, &reader.headers()[selection.layer], &selection.channels, options)?;
+        let sampling = sampling.and_then(|layers| layers.get(selection.layer)).map(Vec::as_slice);
+        let mut canvas = Canvas::new(path, &reader.headers()[selection.layer], &selection.channels, sampling, options)?;
         // Pedantic, because an incomplete or damaged offset table would leave holes.
         let mut chunks = reader
             .filter_chunks(true, |_, tile, block| block.layer == selection.layer && tile.level_index == Vec2(0, 0))
@@ -123,7 +127,10 @@ pub(crate) fn read_channels(
             }
             let blocks: Vec<_> = batch
                 .into_par_iter()
-                .map(|chunk| UncompressedBlock::decompress_chunk(chunk, &meta, false))
+                .map(|chunk| match &canvas.subsampled {
+                    Some(subsampled) => subsampled.decompress(chunk, &meta),
+                    None => UncompressedBlock::decompress_chunk(chunk, &meta, false),
+                })
                 .collect::<Result<_, _>>()
                 .map_err(failed)?;
             for block in blocks {
@@ -135,6 +142,7 @@ pub(crate) fn read_channels(
         if seen.len() != expected {
             return Err(Error::damaged(path, format!("has only {} of {expected} pixel blocks", seen.len())));
         }
+        canvas.fill_subsampled();
         Ok((canvas.width, canvas.height, canvas.planes))
     })
 }
@@ -148,18 +156,25 @@ struct Canvas {
     /// Destination plane of each channel of the layer.
     plane_of: Vec<Vec<usize>>,
     planes: Vec<Vec<f32>>,
+    /// The samples, if the layer has subsampled channels.
+    subsampled: Option<Subsampled>,
 }
 
 impl Canvas {
-    fn new(path: &Path, header: &Header, channels: &[usize], options: &ReadOptions) -> Result<Self, Error> {
+    fn new(
+        path: &Path,
+        header: &Header,
+        channels: &[usize],
+        sampling: Option<&[Vec2<usize>]>,
+        options: &ReadOptions,
+    ) -> Result<Self, Error> {
         let size = |v: Vec2<usize>| options.check_size(path, v.x() as u64, v.y() as u64);
         size(header.layer_size)?;
         let display = header.shared_attributes.display_window;
         let (width, height) = size(display.size)?;
-        if header.channels.list.iter().any(|c| c.sampling != Vec2(1, 1)) {
-            let advice = "write R, G and B at full resolution";
-            return Err(Error::unsupported(path, "has subsampled channels, such as luminance and chroma", advice));
-        }
+        let sampling = sampling.filter(|factors| factors.iter().any(|factors| *factors != Vec2(1, 1)));
+        let subsampled = |factors| Subsampled::new(path, header, factors, |channel| channels.contains(&channel));
+        let subsampled = sampling.map(subsampled).transpose()?;
         let origin = header.own_attributes.layer_position;
         let offset = |data: i32, display: i32| i64::from(data) - i64::from(display);
         let mut plane_of = vec![Vec::new(); header.channels.list.len()];
@@ -172,12 +187,27 @@ impl Canvas {
             offset: (offset(origin.x(), display.position.x()), offset(origin.y(), display.position.y())),
             plane_of,
             planes: vec![vec![0.0; width * height]; channels.len()],
+            subsampled,
         })
+    }
+
+    /// Interpolates subsampled channels at the pixels.
+    fn fill_subsampled(&mut self) {
+        let Some(subsampled) = &self.subsampled else { return };
+        for (channel, planes) in self.plane_of.iter().enumerate() {
+            for &plane in planes {
+                subsampled.fill(channel, &mut self.planes[plane], self.width, self.offset);
+            }
+        }
     }
 
     fn paint(&mut self, path: &Path, block: &UncompressedBlock, meta: &MetaData, layer: usize) -> Result<(), Error> {
         let header = &meta.headers[layer];
         let channels = &header.channels;
+        if let Some(subsampled) = &mut self.subsampled {
+            let painted = subsampled.paint(block, channels).filter(|()| block.index.layer == layer);
+            return painted.ok_or_else(|| Error::damaged(path, "has a pixel block of the wrong size"));
+        }
         let pixels = block.index.pixel_size.area();
         if block.index.layer != layer || block.data.len() != pixels * channels.bytes_per_pixel {
             return Err(Error::damaged(path, "has a pixel block of the wrong size"));
@@ -214,7 +244,8 @@ fn explain(path: &Path, error: exr::error::Error) -> Error {
     use exr::error::Error as E;
     match error {
         E::NotSupported(what) => {
-            Error::unsupported(path, format!("requires {what}, which is not supported"), "write a flat EXR")
+            let advice = "write a flat EXR with the channels R, G and B at full resolution";
+            Error::unsupported(path, format!("requires {what}, which is not supported"), advice)
         }
         E::Invalid(what) => Error::damaged(path, format!("is a truncated or damaged OpenEXR file ({what})")),
         E::Io(e) => Error::damaged(path, format!("is a truncated or damaged OpenEXR file ({e})")),

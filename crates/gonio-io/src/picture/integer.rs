@@ -1,4 +1,4 @@
-//! PNG, JPEG and TIFF: integers, sRGB-coded or linear, and the float variant of TIFF.
+//! PNG, JPEG and TIFF: integers, sRGB-coded or linear, and the float variants of TIFF.
 
 use std::io::Cursor;
 use std::path::Path;
@@ -12,20 +12,44 @@ use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits};
 use super::curve::Curve;
 use super::embedded::Embedded;
 use super::space::{Conversion, InputSpace, SpaceSource, Stated};
-use super::{Decoded, Encoding, ReadOptions, jpeg};
+use super::{Decoded, Encoding, ReadOptions, jpeg, tiff};
 use crate::{Error, guard};
 
 pub(super) fn decode(path: &Path, bytes: &[u8], format: ImageFormat, options: &ReadOptions) -> Result<Decoded, Error> {
-    let Loaded { mut image, orientation, embedded } = load(path, bytes, format, options)?;
+    let Loaded { mut image, samples, orientation, embedded } = load(path, bytes, format, options)?;
     image.apply_orientation(orientation);
-    unpack(path, &image, embedded, options)
+    unpack(path, &image, samples, embedded, options)
 }
 
 /// A picture as stored in the file.
 pub(super) struct Loaded {
+    /// Codes, or floats. For [`Samples`] of 32 bits and more, floats hold codes divided by the
+    /// largest one.
     pub(super) image: DynamicImage,
+    pub(super) samples: Samples,
     pub(super) orientation: Orientation,
     pub(super) embedded: Embedded,
+}
+
+/// Samples of a file; the picture in memory can have others.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Samples {
+    /// Bits of an integer; 32 for floats.
+    pub(super) bits: u8,
+    pub(super) is_float: bool,
+    /// Whether the file has one channel, or one and alpha.
+    pub(super) is_grey: bool,
+}
+
+impl Samples {
+    fn of(image: &DynamicImage) -> Self {
+        let bits = match image.color().bytes_per_pixel() / image.color().channel_count() {
+            1 => 8,
+            2 => 16,
+            _ => 32,
+        };
+        Self { bits, is_float: bits == 32, is_grey: !image.color().has_color() }
+    }
 }
 
 /// Loads the picture as stored in the file, its orientation and its colour information.
@@ -36,6 +60,11 @@ pub(super) fn load(path: &Path, bytes: &[u8], format: ImageFormat, options: &Rea
     }
     guard::catching(path, &name, || {
         let failed = |e| explain(path, e);
+        let wide = if format == ImageFormat::Tiff { tiff::load(path, bytes, options)? } else { None };
+        if let Some((image, samples, orientation)) = wide {
+            let embedded = Embedded::of_tiff(path, bytes)?;
+            return Ok(Loaded { image, samples, orientation, embedded });
+        }
         let mut reader = ImageReader::with_format(Cursor::new(bytes), format);
         let mut limits = Limits::no_limits();
         // The picture (at most 16 bytes per pixel), the same amount for the decoder, and its
@@ -48,31 +77,33 @@ pub(super) fn load(path: &Path, bytes: &[u8], format: ImageFormat, options: &Rea
         // Unreadable metadata must not prevent reading the picture.
         let orientation = decoder.orientation().unwrap_or(Orientation::NoTransforms);
         let embedded = Embedded::of(path, bytes, format, &mut decoder)?;
-        Ok(Loaded { image: DynamicImage::from_decoder(decoder).map_err(failed)?, orientation, embedded })
+        let image = DynamicImage::from_decoder(decoder).map_err(failed)?;
+        Ok(Loaded { samples: Samples::of(&image), image, orientation, embedded })
     })
 }
 
-fn unpack(path: &Path, image: &DynamicImage, embedded: Embedded, options: &ReadOptions) -> Result<Decoded, Error> {
+fn unpack(
+    path: &Path,
+    image: &DynamicImage,
+    Samples { bits, is_float, is_grey }: Samples,
+    embedded: Embedded,
+    options: &ReadOptions,
+) -> Result<Decoded, Error> {
     let channels = usize::from(image.color().channel_count());
     let size = (image.width() as usize, image.height() as usize);
-    let bits: u8 = match image.color().bytes_per_pixel() / image.color().channel_count() {
-        1 => 8,
-        2 => 16,
-        _ => 32,
-    };
     let Embedded { curve, stated, narrow } = embedded;
     let of_space = || options.colour_space.map_or(Curve::Srgb, Curve::of_space);
     let curve = match curve {
         _ if options.linear => Curve::Linear,
         Some(curve) => curve,
         // Float samples are linear unless the file states another curve.
-        None if bits == 32 => Curve::Linear,
+        None if is_float => Curve::Linear,
         None => of_space(),
     };
     // ITU-T H.273, equation 20: in the narrow range of 8 bits 16 is black and 235 is white.
     let steps = if bits == 8 { 255.0 } else { 65535.0 / 256.0 };
     let value = |channel: usize, code: f32| {
-        let code = if narrow && bits != 32 { ((steps * code - 16.0) / 219.0).max(0.0) } else { code };
+        let code = if narrow && !is_float { ((steps * code - 16.0) / 219.0).max(0.0) } else { code };
         curve.decode(channel, code)
     };
     let eight = |samples: &[u8]| {
@@ -103,15 +134,15 @@ fn unpack(path: &Path, image: &DynamicImage, embedded: Embedded, options: &ReadO
     let is_table = matches!(stated.space, Some((Conversion::Table(_), ..)));
     let encoding = match (bits, &curve) {
         (_, Curve::Linear) if is_table && !options.linear => Encoding::Coded { bits },
-        (32, Curve::Linear) => Encoding::LinearFloat,
+        (_, Curve::Linear) if is_float => Encoding::LinearFloat,
         (bits, Curve::Linear) => Encoding::Linear { bits },
         (bits, Curve::Srgb) => Encoding::Srgb { bits },
         (bits, Curve::Other(_)) => Encoding::Coded { bits },
     };
     // The curves of a profile may end just below 1.
     let white = (0..3).map(|channel| value(channel, 1.0)).fold(f32::INFINITY, f32::min);
-    let (conversion, input) = match channels {
-        1 | 2 => (Conversion::None, InputSpace::unconverted("grey", SpaceSource::Grey)),
+    let (conversion, input) = match is_grey {
+        true => (Conversion::None, InputSpace::unconverted("grey", SpaceSource::Grey)),
         // The table converts codes, not linear values.
         _ if is_table && options.linear => {
             let unusable =
@@ -120,7 +151,7 @@ fn unpack(path: &Path, image: &DynamicImage, embedded: Embedded, options: &ReadO
         }
         _ => stated.settle(options.colour_space),
     };
-    let full_scale = (bits != 32).then_some(white);
+    let full_scale = (!is_float).then_some(white);
     Ok(Decoded { picture, encoding, full_scale, layer: None, input, conversion })
 }
 

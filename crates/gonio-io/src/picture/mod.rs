@@ -1,15 +1,18 @@
 //! Pictures on disk: photographs, light maps, masks.
 //!
 //! The format is recognised by content, never by the name. Conventions:
-//! * OpenEXR: channels `R G B [A]`, `Y [A]` (grey) or `Y RY BY [A]` (not subsampled), under these
-//!   or other usual names, with or without the prefix of a layer; 16/32-bit float or 32-bit
-//!   integer. The picture has the size of the display window; pixels outside the data window are
-//!   zero. Colour stays multiplied by alpha, as the format defines it.
-//! * Radiance HDR: values divided by the products of the `EXPOSURE` and `COLORCORR` lines.
+//! * OpenEXR: channels `R G B [A]`, `Y [A]` (grey) or `Y RY BY [A]` (luminance and chroma), under
+//!   these or other usual names, with or without the prefix of a layer; 16/32-bit float or 32-bit
+//!   integer. Subsampled channels are interpolated linearly. The picture has the size of the
+//!   display window; pixels outside the data window are zero. Colour stays multiplied by alpha, as
+//!   the format defines it.
+//! * Radiance HDR: values divided by the products of the `EXPOSURE` and `COLORCORR` lines; pixels
+//!   in any of the eight axis orders.
 //! * PFM: values times the absolute value of the header's scale.
-//! * PNG, JPEG (8 and 16 bit) and TIFF (8, 16 bit, 32-bit float RGB): coded by the curve that the
-//!   file states, else by that of sRGB, unless [`ReadOptions::linear`] is set. An EXIF orientation
-//!   is applied. Colour is not multiplied by alpha.
+//! * PNG and JPEG (8 and 16 bits) and TIFF (unsigned integers of 8 to 64 bits, floats of 16 to 64
+//!   bits; in strips or tiles, with interleaved or separate channels). Integers are coded by the
+//!   curve that the file states, else by that of sRGB, unless [`ReadOptions::linear`] is set. An
+//!   EXIF orientation is applied. Colour is not multiplied by alpha.
 //! * Camera raw files, with the feature `raw`: linear camera RGB, binned; see the module `raw`.
 //!
 //! [`read`] and [`decode`] convert colours to linear Rec. 709 with white D65. The colour space is
@@ -38,6 +41,7 @@ mod raw;
 mod response;
 mod shot;
 mod space;
+mod subsampled;
 mod tiff;
 mod write;
 
@@ -116,17 +120,17 @@ pub enum Encoding {
     /// Integers coded with the sRGB curve, decoded to 0..=1. Such photographs are rarely
     /// proportional to radiance.
     Srgb {
-        /// Bits per sample, 8 or 16.
+        /// Bits per sample: 8, 16, or in TIFF 32 or 64.
         bits: u8,
     },
     /// Linear integers, according to the file or the caller, divided by the largest code.
     Linear {
-        /// Bits per sample, 8 or 16.
+        /// Bits per sample: 8, 16, or in TIFF 32 or 64.
         bits: u8,
     },
     /// Samples coded by another curve, that of an ICC profile, `cICP` or `gAMA`.
     Coded {
-        /// Bits per sample: 8, 16, or 32 for floats.
+        /// Bits per sample: 8, 16, in TIFF 32 or 64; 32 for floats.
         bits: u8,
     },
 }
@@ -304,6 +308,10 @@ mod tests {
     #[test]
     fn unknown_formats_are_distinguished_from_damaged_files() {
         check("a.webp", b"RIFF....WEBP", Kind::Unsupported, "is a .webp file");
+        for name in ["a.mat", "a.npz", "a.bin", "a.npy"] {
+            let message = "which is not a supported image format; use EXR, HDR, PFM, PNG, JPEG or TIFF";
+            check(name, b"PK\x03\x04 or other", Kind::Unsupported, message);
+        }
         check("a", b"what is this", Kind::Unsupported, "unknown image format");
         check("a.exr", b"what is this", Kind::Damaged, "does not have the header of a .exr file");
         check("a.nef", b"MM\0\x2a rest", Kind::Unsupported, "raw");

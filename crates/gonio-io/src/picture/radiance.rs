@@ -30,6 +30,8 @@ pub(super) fn decode(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result
     if is_xyz {
         return Err(Error::unsupported(path, "contains XYZ instead of RGB colours", "convert it with `ra_xyze -r`"));
     }
+    let (axes, standard) = Axes::of(bytes);
+    let bytes = standard.as_deref().unwrap_or(bytes);
     guard::catching(path, "Radiance HDR", || {
         // The strict reader accepts only `#?RADIANCE`, but `#?RGBE` is also common.
         let decoder = HdrDecoder::new_nonstrict(Cursor::new(bytes)).map_err(|e| explain(path, e))?;
@@ -50,9 +52,9 @@ pub(super) fn decode(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result
         decoder.read_image(&mut raw).map_err(|e| explain(path, e))?;
         let float = |b: &[u8]| f32::from_ne_bytes([b[0], b[1], b[2], b[3]]);
         let rgb = raw.chunks_exact(12).map(|p| Vec3::new(float(p), float(&p[4..]), float(&p[8..])) / factor);
-        let rgb = rgb.collect();
+        let rgb = axes.upright(Plane::from_vec(width, height, rgb.collect()));
         let space = stated(&primaries).settle(options.colour_space);
-        Ok(float_picture((width, height), rgb, space))
+        Ok(float_picture(rgb.size(), rgb.into_vec(), space))
     })
 }
 
@@ -84,6 +86,58 @@ fn with_unix_lines(bytes: &[u8]) -> Cow<'_, [u8]> {
     out.retain(|b| *b != b'\r');
     out.extend_from_slice(&rest[resolution..]);
     Cow::Owned(out)
+}
+
+/// Order in which a file stores its pixels, from the resolution line.
+///
+/// `-Y 20 +X 30` means 20 rows from top to bottom, each with 30 pixels from left to right; `+X 30
+/// -Y 20` means 30 columns.
+#[derive(Clone, Copy, Debug, Default)]
+struct Axes {
+    by_columns: bool,
+    from_right: bool,
+    from_bottom: bool,
+}
+
+impl Axes {
+    /// Reads the resolution line. If the order is not that of `-Y N +X M`, also returns the file
+    /// with this order in its resolution line, because the decoder reads no other.
+    fn of(bytes: &[u8]) -> (Self, Option<Vec<u8>>) {
+        Self::parse(bytes).map_or_else(Default::default, |(axes, standard)| (axes, Some(standard)))
+    }
+
+    fn parse(bytes: &[u8]) -> Option<(Self, Vec<u8>)> {
+        let header = &bytes[..bytes.len().min(LONGEST_HEADER)];
+        let start = header.windows(2).position(|w| w == b"\n\n")? + 2;
+        let end = start + header[start..].iter().position(|b| *b == b'\n')?;
+        let words: Vec<&str> = std::str::from_utf8(&header[start..end]).ok()?.split_whitespace().collect();
+        let &[first, count, second, length] = words.as_slice() else { return None };
+        let by_columns = match (first, second) {
+            ("-Y", "+X") => return None,
+            ("-Y" | "+Y", "-X" | "+X") => false,
+            ("-X" | "+X", "-Y" | "+Y") => true,
+            _ => return None,
+        };
+        let has = |axis| first == axis || second == axis;
+        let line = format!("-Y {count} +X {length}");
+        let axes = Self { by_columns, from_right: has("-X"), from_bottom: has("+Y") };
+        Some((axes, [&bytes[..start], line.as_bytes(), &bytes[end..]].concat()))
+    }
+
+    /// Rotates and mirrors a picture, whose rows are the stored rows or columns.
+    fn upright(self, stored: Plane<Vec3>) -> Plane<Vec3> {
+        let Self { by_columns, from_right, from_bottom } = self;
+        if !(by_columns || from_right || from_bottom) {
+            return stored;
+        }
+        let (length, count) = stored.size();
+        let (width, height) = if by_columns { (count, length) } else { (length, count) };
+        Plane::from_fn(width, height, |x, y| {
+            let x = if from_right { width - 1 - x } else { x };
+            let y = if from_bottom { height - 1 - y } else { y };
+            stored[if by_columns { (y, x) } else { (x, y) }]
+        })
+    }
 }
 
 /// Returns the colour space of the last `PRIMARIES=` line: x and y of red, green, blue and white.
@@ -159,6 +213,50 @@ mod tests {
         let xyz = String::from_utf8_lossy(&bytes[..blank]).replace("rgbe", "xyze");
         let error = read(&[xyz.as_bytes(), &bytes[blank..]].concat()).unwrap_err();
         assert!(error.to_string().contains("XYZ"), "{error}");
+    }
+
+    #[test]
+    fn pictures_of_all_axis_orders_are_upright() {
+        let (width, height) = (12, 9);
+        let value = |x: usize, y: usize| Vec3::new(1.0 + x as f32, 1.0 + y as f32, 4.0);
+        for from_right in [false, true] {
+            for from_bottom in [false, true] {
+                for by_columns in [false, true] {
+                    let (count, length) = if by_columns { (width, height) } else { (height, width) };
+                    let stored = Plane::from_fn(length, count, |along, across| {
+                        let (x, y) = if by_columns { (across, along) } else { (along, across) };
+                        let x = if from_right { width - 1 - x } else { x };
+                        value(x, if from_bottom { height - 1 - y } else { y })
+                    });
+                    let y_axis = format!("{}Y {height}", if from_bottom { '+' } else { '-' });
+                    let x_axis = format!("{}X {width}", if from_right { '-' } else { '+' });
+                    let line = if by_columns { [x_axis, y_axis] } else { [y_axis, x_axis] }.join(" ");
+                    let bytes = encode(&stored);
+                    let start = bytes.windows(2).position(|w| w == b"\n\n").unwrap() + 2;
+                    let end = start + bytes[start..].iter().position(|b| *b == b'\n').unwrap();
+                    let bytes = [&bytes[..start], line.as_bytes(), &bytes[end..]].concat();
+                    let got = decode(Path::new("t.hdr"), &bytes, &ReadOptions::default()).unwrap().picture.rgb;
+                    assert_eq!(got, Plane::from_fn(width, height, value), "{line}");
+                }
+            }
+        }
+        for line in ["-Y 3 +Y 4", "-Z 3 +X 4", "-Y 3 +X", "-Y 3 -X 99999999999"] {
+            let bytes = format!("#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n{line}\n{}", "abcd".repeat(99));
+            assert!(decode(Path::new("t.hdr"), bytes.as_bytes(), &ReadOptions::default()).is_err(), "{line}");
+        }
+    }
+
+    #[test]
+    fn runs_of_the_old_encoding_are_read() {
+        let mut bytes = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 2 +X 300\n".to_vec();
+        // A pixel and runs of 43 and 256 times 1; 300 single pixels.
+        bytes.extend([128, 64, 0, 129, 1, 1, 1, 43, 1, 1, 1, 1]);
+        bytes.extend([0, 128, 255, 128].repeat(300));
+        let got = decode(Path::new("t.hdr"), &bytes, &ReadOptions::default()).unwrap().picture.rgb;
+        for x in [0, 1, 43, 44, 299] {
+            let want = (Vec3::new(1.0, 0.5, 0.0), Vec3::new(0.0, 0.5, 255.0 / 256.0));
+            assert_eq!((got[(x, 0)], got[(x, 1)]), want, "{x}");
+        }
     }
 
     #[test]

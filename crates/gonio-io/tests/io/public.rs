@@ -6,7 +6,8 @@ use std::path::{Path, PathBuf};
 
 use glam::{DVec3, Vec3};
 use gonio::picture::Plane;
-use gonio_io::picture::{ReadOptions, Shot, read, read_mask};
+use gonio::scene::{Detection, NormalPicture, Object, ObservationSettings, SceneWarning};
+use gonio_io::picture::{Encoding, ReadOptions, Shot, read, read_mask};
 use gonio_io::{Kind, merl, mesh, normals};
 
 fn file(name: &str) -> PathBuf {
@@ -31,6 +32,50 @@ fn reads_obj_files_with_missing_normals_and_with_comments() {
 fn nodes_of_scale_zero_are_hidden() {
     let (mesh, soundness) = mesh::read_mesh(file("zero-scale-helper-node.glb")).unwrap();
     assert!(soundness.triangles > 0 && mesh.positions().iter().any(|p| p.length() > 0.5));
+}
+
+#[test]
+fn quantised_positions_are_read() {
+    let (mesh, soundness) = mesh::read_mesh(file("quantized.glb")).unwrap();
+    assert_eq!((soundness.triangles, soundness.normals_computed, soundness.normals_against), (320, false, 0));
+    // Codes of the first two vertices; the node scales by 1.3.
+    for (i, codes) in
+        [DVec3::new(-11_017.0, 15_009.0, 0.0), DVec3::new(15_486.0, 15_009.0, 0.0)].into_iter().enumerate()
+    {
+        assert!((mesh.positions()[i] - 1.3 * codes / 32_767.0).length() < 1e-6, "{}", mesh.positions()[i]);
+    }
+    let largest = mesh.positions().iter().fold(DVec3::ZERO, |largest, p| largest.max(p.abs()));
+    assert!((largest - DVec3::new(1.0, 0.7, 0.5)).length() < 1e-4, "{largest}");
+}
+
+#[test]
+fn morph_targets_with_weights_displace_the_vertices() {
+    let (mesh, soundness) = mesh::read_mesh(file("morph-weight1.glb")).unwrap();
+    assert_eq!(soundness.triangles, 320);
+    // The target adds 0.8 x to y.
+    for (i, (x, y)) in [(-0.437_089_3, 0.595_455_6), (0.614_372_97, 0.595_455_6)].into_iter().enumerate() {
+        let want = DVec3::new(x, y + 0.8 * x, 0.0);
+        assert!((mesh.positions()[i] - want).length() < 1e-6, "{}", mesh.positions()[i]);
+    }
+}
+
+#[test]
+fn tiff_files_of_wide_integers_and_half_floats_are_read() {
+    let linear = ReadOptions { linear: true, ..ReadOptions::default() };
+    let got = read(file("uint32-rgb.tif"), &linear).unwrap();
+    assert_eq!((got.encoding, got.picture.rgb.size()), (Encoding::Linear { bits: 32 }, (64, 64)));
+    for ((x, y), codes) in [
+        ((32, 32), [2_780_783_616_u32, 2_214_507_264, 1_872_344_704]),
+        ((0, 0), [1_925_219_584, 1_549_935_104, 1_303_027_712]),
+        ((40, 20), [3_928_841_728, 3_419_466_496, 3_065_322_496]),
+    ] {
+        let want = codes.map(|code| (f64::from(code) / 4_294_967_295.0) as f32);
+        assert_eq!(got.picture.rgb[(x, y)].to_array(), want, "{x},{y}");
+    }
+    let got = read(file("half-rgb.tif"), &ReadOptions::default()).unwrap();
+    assert_eq!((got.encoding, got.full_scale), (Encoding::LinearFloat, None));
+    let want = Vec3::new(0.376_708_98, 0.228_759_77, 0.159_423_83);
+    assert_eq!((got.picture.rgb.size(), got.picture.rgb[(64, 64)]), ((128, 128), want));
 }
 
 #[test]
@@ -62,6 +107,24 @@ fn encoded_normals_are_decoded() {
         });
         assert!(sound > 95 * all / 100, "{name}: {sound} of {all}");
     }
+}
+
+#[test]
+fn a_flat_background_of_a_normal_map_is_ignored() {
+    let picture = read(file("ball-clutter.exr"), &ReadOptions::default()).unwrap().picture;
+    let mask = read_mask(file("mask.png")).unwrap();
+    let detect = |mask: Option<Plane<f32>>| {
+        let normals = normals::read_normals(file("normals-flat-background.png")).unwrap();
+        let view = NormalPicture { normals, camera: None, relief: None, trusted: false };
+        Detection::of(&picture, mask, Object::Normals(Box::new(view)), &ObservationSettings::default()).unwrap()
+    };
+    let (alone, masked) = (detect(None), detect(Some(mask.clone())));
+    let outside = mask.as_slice().iter().filter(|m| **m < 0.5).count();
+    assert_eq!(alone.scene_warnings[0], SceneWarning::FlatBackground { pixels: outside });
+    assert!(!masked.scene_warnings.iter().any(|it| matches!(it, SceneWarning::FlatBackground { .. })));
+    let pixels = |detection: &Detection| detection.observations.report.observed_pixels;
+    let (alone, masked) = (pixels(&alone), pixels(&masked));
+    assert!(alone <= masked && 100 * alone > 95 * masked, "{alone} of {masked}");
 }
 
 #[test]

@@ -2,6 +2,7 @@
 
 use glam::{DVec3, Vec3};
 
+use super::flat_background::flat_background;
 use super::observed::check_size;
 use super::spot::spot;
 use super::{
@@ -255,8 +256,15 @@ impl Detector<'_> {
     }
 
     fn normals(self, view: NormalPicture) -> Result<Detection, SceneError> {
-        let NormalPicture { normals, camera, relief, trusted } = view;
+        let NormalPicture { mut normals, camera, relief, trusted } = view;
         let mut scene_warnings = Vec::new();
+        if self.coverage.is_none()
+            && let Some(background) = flat_background(&normals)
+        {
+            let pixels = normals.as_mut_slice().iter_mut().zip(background.as_slice()).filter(|(_, b)| **b);
+            let pixels = pixels.map(|(normal, _)| *normal = Vec3::ZERO).count();
+            scene_warnings.push(SceneWarning::FlatBackground { pixels });
+        }
         if normals.size() == self.picture.rgb.size()
             && let Some(it) = Orientation::of(&normals, self.coverage.as_ref())?.contradiction()
         {

@@ -26,6 +26,7 @@ mod correction;
 mod detection;
 mod edges;
 mod error;
+mod flat_background;
 mod foreign;
 mod normals;
 mod observations;

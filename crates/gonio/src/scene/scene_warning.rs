@@ -24,6 +24,11 @@ pub enum SceneWarning {
     Depth(f64),
     /// The normals are inconsistent, but the checks are disabled.
     Contradiction(Contradiction),
+    /// Pixels of the normal map are ignored, because they form a background of one normal.
+    FlatBackground {
+        /// Number of ignored pixels.
+        pixels: usize,
+    },
     /// Some pixels are clipped.
     Clipped {
         /// Number of clipped pixels.
@@ -94,6 +99,11 @@ impl fmt::Display for SceneWarning {
                  pixels, the geometric mean of the other two"
             ),
             Self::Contradiction(it) => it.fmt(f),
+            Self::FlatBackground { pixels } => write!(
+                f,
+                "{pixels} pixels around the object have the same normal; gonio assumes that they show the background and \
+                 ignores them; specify a mask to use them"
+            ),
             Self::Clipped { clipped, observed } => {
                 write!(f, "{clipped} of {observed} pixels on the object are clipped and ignored")
             }

@@ -108,15 +108,18 @@ impl<'a> Buffers<'a> {
         Ok(bytes)
     }
 
-    /// Reads an accessor of vectors of three floats.
+    /// Reads an accessor of vectors of three floats, or of integers of 8 or 16 bits
+    /// (`KHR_mesh_quantization`).
     pub(super) fn vectors(&self, accessor: &Accessor<'_>, what: &str) -> Result<Vec<[f32; 3]>, Error> {
-        if (accessor.data_type(), accessor.dimensions()) != (DataType::F32, Dimensions::Vec3) {
-            let problem = format!("has {what} in a type other than three floats");
-            return Err(Error::unsupported(self.path, problem, "export the mesh without quantisation"));
+        let (kind, dimensions) = (accessor.data_type(), accessor.dimensions());
+        if dimensions != Dimensions::Vec3 || kind == DataType::U32 {
+            let problem = format!("has {what} of type {dimensions:?} of {kind:?}");
+            return Err(Error::unsupported(self.path, problem, "export the mesh with vectors of three floats"));
         }
         let bytes = self.bytes_of(accessor)?;
-        let float = |b: &[u8]| f32::from_bits(little_endian(b));
-        Ok(bytes.chunks_exact(12).map(|b| [float(&b[..4]), float(&b[4..8]), float(&b[8..])]).collect())
+        let numbers = bytes.chunks_exact(kind.size()).map(|b| number(kind, accessor.normalized(), b));
+        let numbers: Vec<f32> = numbers.collect();
+        Ok(numbers.as_chunks().0.to_vec())
     }
 
     /// Reads an accessor of indices.
@@ -127,6 +130,21 @@ impl<'a> Buffers<'a> {
         }
         Ok(self.bytes_of(accessor)?.chunks_exact(accessor.size()).map(little_endian).collect())
     }
+}
+
+/// Reads a component of a vector. Normalised integers become -1..=1, or 0..=1 if unsigned. Source:
+/// glTF 2.0, section 3.6.2.2.
+fn number(kind: DataType, normalized: bool, bytes: &[u8]) -> f32 {
+    let code = little_endian(bytes);
+    let (value, largest) = match kind {
+        DataType::I8 => (f32::from(code as u8 as i8), 127.0),
+        DataType::U8 => (f32::from(code as u8), 255.0),
+        DataType::I16 => (f32::from(code as u16 as i16), 32_767.0),
+        DataType::U16 => (f32::from(code as u16), 65_535.0),
+        DataType::U32 => (code as f32, u32::MAX as f32),
+        DataType::F32 => return f32::from_bits(code),
+    };
+    if normalized { (value / largest).max(-1.0) } else { value }
 }
 
 /// Reads an unsigned number of at most four bytes.

@@ -1,20 +1,23 @@
 //! glTF 2.0: the meshes of the default scene, transformed by its nodes.
 
 mod buffers;
+mod morph;
 
 use std::path::Path;
 
 use glam::{DMat3, DMat4, DQuat, DVec3, Mat4, Quat, Vec3};
 use gltf::json::Root;
+use gltf::json::validation::Checked;
 use gltf::mesh::Mode;
 use gltf::scene::Transform;
-use gltf::{Document, Node, Primitive};
+use gltf::{Document, Node, Primitive, Semantic};
 use gonio::shape::{Mesh, Soundness};
 
 use self::buffers::Buffers;
+use self::morph::Vertices;
 use super::Fetch;
 use super::parts::Parts;
-use crate::{Error, guard};
+use crate::{Error, Kind, guard};
 
 pub(super) use buffers::read_sibling;
 
@@ -23,14 +26,23 @@ pub(super) use buffers::read_sibling;
 const MAX_OBJECTS: usize = 1 << 18;
 /// Largest number of values in lists and objects, for the same reason.
 const MAX_VALUES: usize = 1 << 22;
-/// Extensions that do not affect the shape.
-const HARMLESS: [&str; 5] = ["KHR_materials_", "KHR_texture_", "KHR_lights_", "EXT_texture_", "EXT_lights_"];
+/// Extensions that do not affect the shape, and the one for integer positions, which this module
+/// reads.
+const ALLOWED: [&str; 6] =
+    ["KHR_materials_", "KHR_texture_", "KHR_lights_", "EXT_texture_", "EXT_lights_", "KHR_mesh_quantization"];
+/// Advice for compressed meshes. `gltf-transform copy` decodes Draco and meshopt.
+const DECOMPRESS: &str = "decompress the mesh: gltf-transform copy in.glb out.glb";
 
 pub(super) fn decode(path: &Path, bytes: &[u8], fetch: Fetch<'_>) -> Result<(Mesh, Soundness), Error> {
     guard::catching(path, "glTF", || {
         let (json, bin) = if bytes.starts_with(b"glTF") { split(path, bytes)? } else { (bytes, None) };
-        let document = parse(path, json)?;
-        let buffers = Buffers::load(path, &document, bin, fetch)?;
+        let (document, compressed) = parse(path, json)?;
+        let buffers = Buffers::load(path, &document, bin, fetch);
+        let buffers = buffers.map_err(|e| match &compressed {
+            // Compressed meshes may have a buffer without data for other readers.
+            Some(name) if e.kind() == Kind::Damaged => is_compressed(path, name),
+            _ => e,
+        })?;
         let mut parts = Parts::new(path);
         let scene = document.default_scene().or_else(|| document.scenes().next());
         let Some(scene) = scene else {
@@ -97,13 +109,24 @@ fn split<'a>(path: &Path, bytes: &'a [u8]) -> Result<(&'a [u8], Option<&'a [u8]>
             (_, Some(_)) => {}
             (_, None) => return Err(cut()),
         }
-        at += 8 + size.next_multiple_of(4);
+        let end = at + 8 + size;
+        // Chunks begin at multiples of four, but some programs do not pad the JSON.
+        let follows = |at: usize| {
+            let fits = number(at).is_some_and(|size| size <= length.saturating_sub(at + 8));
+            fits && bytes.get(at + 4..at + 8) == Some(b"BIN\0")
+        };
+        at = if follows(end) { end } else { end.next_multiple_of(4) };
     }
     Ok((json.ok_or_else(cut)?, None))
 }
 
-/// Parses the document without materials, textures and animations.
-fn parse(path: &Path, json: &[u8]) -> Result<Document, Error> {
+fn is_compressed(path: &Path, extension: &str) -> Error {
+    Error::unsupported(path, format!("is compressed with {extension}"), DECOMPRESS)
+}
+
+/// Parses the document without materials, textures and animations. Also returns the name of the
+/// extension that compresses it, if any.
+fn parse(path: &Path, json: &[u8]) -> Result<(Document, Option<String>), Error> {
     let json = json.strip_prefix(b"\xef\xbb\xbf").unwrap_or(json);
     // Base64 text contains neither braces nor commas.
     let more_than = |byte: u8, most: usize| json.iter().filter(|b| **b == byte).nth(most).is_some();
@@ -114,33 +137,40 @@ fn parse(path: &Path, json: &[u8]) -> Result<Document, Error> {
     let mut root: Root = gltf::json::deserialize::from_slice(json)
         .map_err(|e| Error::damaged(path, format!("cannot be read as glTF ({e})")))?;
     for name in std::mem::take(&mut root.extensions_required) {
-        if !HARMLESS.iter().any(|prefix| name.starts_with(prefix)) {
-            let advice = if name.contains("draco") || name.contains("meshopt") || name.contains("quantization") {
-                "export the mesh without compression"
-            } else {
-                "export the mesh without this extension"
-            };
+        if name.ends_with("_compression") {
+            return Err(is_compressed(path, &name));
+        }
+        if !ALLOWED.iter().any(|prefix| name.starts_with(prefix)) {
+            let advice = "export the mesh without this extension";
             return Err(Error::unsupported(path, format!("requires the extension {name}"), advice));
         }
     }
     let compressed = root.extensions_used.iter().find(|name| name.ends_with("_compression")).cloned();
     // Errors in materials must not prevent reading the shape.
-    root.meshes.iter_mut().flat_map(|m| &mut m.primitives).for_each(|p| p.material = None);
+    for primitive in root.meshes.iter_mut().flat_map(|mesh| &mut mesh.primitives) {
+        primitive.material = None;
+        primitive.attributes.retain(|name, _| matches!(name, Checked::Valid(Semantic::Positions | Semantic::Normals)));
+        // The bounds are redundant, and some programs do not write them.
+        let positions = primitive.attributes.get(&Checked::Valid(Semantic::Positions));
+        if let Some(accessor) = positions.and_then(|index| root.accessors.get_mut(index.value())) {
+            let bounds = Some(serde_json::json!([0.0, 0.0, 0.0]));
+            (accessor.min, accessor.max) = (bounds.clone(), bounds);
+        }
+    }
     root.materials.clear();
     root.textures.clear();
     root.images.clear();
     root.samplers.clear();
     root.animations.clear();
-    Document::from_json(root).map_err(|e| match (e, compressed) {
-        (gltf::Error::Validation(_), Some(name)) => {
-            Error::unsupported(path, format!("is compressed with {name}"), "export the mesh without compression")
-        }
+    let document = Document::from_json(root).map_err(|e| match (e, &compressed) {
+        (gltf::Error::Validation(_), Some(name)) => is_compressed(path, name),
         (gltf::Error::Validation(faults), None) => {
             let text = faults.first().map(|(place, fault)| format!("{place}: {fault}")).unwrap_or_default();
             Error::damaged(path, format!("is an inconsistent glTF file ({text})"))
         }
         (e, _) => Error::damaged(path, format!("cannot be read as glTF ({e})")),
-    })
+    })?;
+    Ok((document, compressed))
 }
 
 /// Returns the transformation from a node to its parent.
@@ -160,6 +190,8 @@ fn matrix(transform: &Transform) -> DMat4 {
 struct Placed<'a> {
     path: &'a Path,
     pose: DMat4,
+    /// Weights of the morph targets.
+    weights: &'a [f32],
     /// Transformation of normals.
     normals: DMat3,
     /// Whether the pose reverses the orientation of triangles.
@@ -167,7 +199,7 @@ struct Placed<'a> {
 }
 
 impl<'a> Placed<'a> {
-    fn new(path: &'a Path, node: &Node<'_>, pose: DMat4) -> Result<Self, Error> {
+    fn new(path: &'a Path, node: &Node<'a>, pose: DMat4) -> Result<Self, Error> {
         let linear = DMat3::from_mat4(pose);
         let determinant = linear.determinant();
         let normals = linear.inverse().transpose();
@@ -175,7 +207,7 @@ impl<'a> Placed<'a> {
             let problem = format!("has a node {} with a zero scale or a position that is not finite", node.index());
             return Err(Error::invalid(path, problem, "check its transform"));
         }
-        Ok(Self { path, pose, normals, mirrored: determinant < 0.0 })
+        Ok(Self { path, pose, weights: morph::weights(node), normals, mirrored: determinant < 0.0 })
     }
 
     fn add(&self, primitive: &Primitive<'_>, buffers: &Buffers<'_>, parts: &mut Parts<'_>) -> Result<(), Error> {
@@ -187,8 +219,8 @@ impl<'a> Placed<'a> {
         let accessor = accessor.ok_or_else(|| Error::damaged(self.path, "has triangles without positions"))?;
         parts.room_for(accessor.count() as u64)?;
         let first = parts.positions.len() as u32;
-        let places = buffers.vectors(&accessor, "places")?;
-        let count = places.len();
+        let positions = buffers.vectors(&accessor, "positions")?;
+        let count = positions.len();
         let place = |p: [f32; 3]| self.pose.transform_point3(Vec3::from_array(p).as_dvec3());
         let normals = match primitive.get(&gltf::Semantic::Normals) {
             Some(accessor) => buffers.vectors(&accessor, "normals")?,
@@ -198,6 +230,9 @@ impl<'a> Placed<'a> {
             let problem = format!("has {} normals for {count} vertices", normals.len());
             return Err(Error::damaged(self.path, problem));
         }
+        let mut vertices = Vertices { positions, normals };
+        vertices.morph(self.path, primitive, self.weights, buffers, parts)?;
+        let Vertices { positions, normals } = vertices;
         let indices = match primitive.indices() {
             Some(accessor) => buffers.indices(&accessor)?,
             None => (0..count as u32).collect(),
@@ -206,7 +241,7 @@ impl<'a> Placed<'a> {
             let problem = format!("has a triangle that refers to vertex {index}, but there are only {count}");
             return Err(Error::damaged(self.path, problem));
         }
-        parts.positions.extend(places.into_iter().map(place));
+        parts.positions.extend(positions.into_iter().map(place));
         let normal = |i: u32| {
             let normal = normals.get(i as usize).map_or(DVec3::ZERO, |n| Vec3::from_array(*n).as_dvec3());
             (self.normals * normal).normalize_or_zero()

@@ -167,9 +167,9 @@ fn unreadable_files_are_rejected_with_the_reason() {
         (
             vec![required("KHR_draco_mesh_compression")],
             Kind::Unsupported,
-            "KHR_draco_mesh_compression; export the mesh without compression",
+            "is compressed with KHR_draco_mesh_compression; decompress the mesh: gltf-transform copy in.glb out.glb",
         ),
-        (vec![required("EXT_meshopt_compression")], Kind::Unsupported, "without compression"),
+        (vec![required("EXT_meshopt_compression")], Kind::Unsupported, "is compressed with EXT_meshopt_compression"),
         (vec![required("EXT_something")], Kind::Unsupported, "without this extension"),
         (vec![("/accessors/0/count", json!(5))], Kind::Damaged, "beyond the end"),
         (vec![("/accessors/0/count", json!(u64::MAX))], Kind::Limits, "more than"),
@@ -179,11 +179,20 @@ fn unreadable_files_are_rejected_with_the_reason() {
         (vec![("/bufferViews/0/byteOffset", json!(u64::MAX))], Kind::Damaged, "beyond the end"),
         (vec![("/bufferViews/0/byteStride", json!(4))], Kind::Damaged, "beyond the end"),
         (vec![("/accessors/1/count", json!(3))], Kind::Damaged, "has 3 normals for 4 vertices"),
-        (vec![("/accessors/0/componentType", json!(5123))], Kind::Unsupported, "quantisation"),
+        (vec![("/accessors/0/componentType", json!(5125))], Kind::Unsupported, "positions of type Vec3 of U32"),
+        (vec![("/accessors/1/type", json!("VEC2"))], Kind::Unsupported, "normals of type Vec2 of F32"),
         (vec![("/accessors/2/componentType", json!(5126))], Kind::Damaged, "invalid indices"),
         (vec![("/accessors/0/bufferView", Value::Null)], Kind::Damaged, "accessors[0].bufferView: Missing data"),
         (
             vec![("/accessors/0/bufferView", Value::Null), ("/extensionsUsed", json!(["EXT_meshopt_compression"]))],
+            Kind::Unsupported,
+            "is compressed with EXT_meshopt_compression",
+        ),
+        (
+            vec![
+                ("/buffers", json!([{"byteLength": 140}, {"byteLength": 9}])),
+                ("/extensionsUsed", json!(["EXT_meshopt_compression"])),
+            ],
             Kind::Unsupported,
             "is compressed with EXT_meshopt_compression",
         ),
@@ -217,4 +226,103 @@ fn the_container_is_checked() {
     assert_eq!(read(bomb.as_bytes()).unwrap_err().kind(), Kind::Limits);
     let deep = format!("{{\"asset\":{}", "[".repeat(100_000));
     assert_eq!(read(deep.as_bytes()).unwrap_err().kind(), Kind::Damaged);
+}
+
+/// Appends numbers to the buffer of the square and an accessor of three of them per vertex.
+fn with_accessor(json: &mut Value, bin: &mut Vec<u8>, kind: u32, normalized: bool, data: &[u8]) -> usize {
+    bin.resize(bin.len().next_multiple_of(4), 0);
+    let views = json["bufferViews"].as_array_mut().unwrap();
+    views.push(json!({"buffer": 0, "byteOffset": bin.len(), "byteLength": data.len(), "byteStride": data.len() / 4}));
+    let view = views.len() - 1;
+    bin.extend(data);
+    json["buffers"][0]["byteLength"] = json!(bin.len());
+    let accessors = json["accessors"].as_array_mut().unwrap();
+    accessors
+        .push(json!({"bufferView": view, "componentType": kind, "normalized": normalized, "count": 4, "type": "VEC3"}));
+    accessors.len() - 1
+}
+
+#[test]
+fn quantised_vectors_become_floats() {
+    // Vectors of three and a byte or number of padding; the largest code and its negative.
+    let bytes = |codes: [i32; 2], width: usize| -> Vec<u8> {
+        let [one, low] = codes;
+        let corners = [[low, low, 0, 0], [one, low, 0, 0], [one, one, 0, 0], [low, one, 0, 0]];
+        corners.iter().flatten().flat_map(|code| code.to_le_bytes()[..width].to_vec()).collect()
+    };
+    for (kind, normalized, data, want) in [
+        (5120, true, bytes([127, -128], 1), [1.0, -1.0]),
+        (5121, true, bytes([255, 51], 1), [1.0, 0.2]),
+        (5122, true, bytes([32_767, -32_768], 2), [1.0, -1.0]),
+        (5123, true, bytes([65_535, 13_107], 2), [1.0, 0.2]),
+        (5120, false, bytes([100, -28], 1), [100.0, -28.0]),
+        (5121, false, bytes([200, 3], 1), [200.0, 3.0]),
+        (5122, false, bytes([1000, -4000], 2), [1000.0, -4000.0]),
+        (5123, false, bytes([60_000, 7], 2), [60_000.0, 7.0]),
+    ] {
+        let (mut json, mut bin) = square();
+        let places = with_accessor(&mut json, &mut bin, kind, normalized, &data);
+        let up = [0, 0, 127, 0].repeat(4);
+        let normals = with_accessor(&mut json, &mut bin, 5120, true, &up);
+        json["meshes"][0]["primitives"][0]["attributes"] =
+            json!({"POSITION": places, "NORMAL": normals, "_CUSTOM": 0, "TEXCOORD_0": 99});
+        json["nodes"][0] = json!({"mesh": 0, "scale": [2, 2, 2], "translation": [10, 0, 0]});
+        json["extensionsRequired"] = json!(["KHR_mesh_quantization", "KHR_texture_transform"]);
+        let (mesh, soundness) = read(&glb(&json, &bin)).unwrap();
+        assert_eq!((soundness.triangles, soundness.normals_computed, soundness.normals_against), (2, false, 0));
+        let [one, low] = want.map(|v: f32| 2.0 * f64::from(v));
+        let corners = [[low, low], [one, low], [one, one], [low, one]].map(|[x, y]| DVec3::new(10.0 + x, y, 0.0));
+        assert_eq!(mesh.positions(), corners, "{kind}, {normalized}");
+    }
+}
+
+#[test]
+fn morph_targets_have_the_weights_of_the_node_or_its_mesh() {
+    let floats = |v: [f32; 3]| v.repeat(4).iter().flat_map(|v| v.to_le_bytes()).collect::<Vec<u8>>();
+    let (mut json, mut bin) = square();
+    let up = with_accessor(&mut json, &mut bin, 5126, false, &floats([0.0, 0.0, 8.0]));
+    let right = with_accessor(&mut json, &mut bin, 5122, false, &[2, 0, 0, 0, 0, 0, 0, 0].repeat(4));
+    let tilt = with_accessor(&mut json, &mut bin, 5126, false, &floats([0.0, 1.0, 0.0]));
+    json["meshes"][0]["primitives"][0]["targets"] =
+        json!([{"POSITION": up, "NORMAL": tilt}, {"POSITION": right, "NORMAL": tilt}, {"POSITION": up}]);
+    let with = |of_mesh: Value, of_node: Value| {
+        let mut json = json.clone();
+        (json["meshes"][0]["weights"], json["nodes"][0]["weights"]) = (of_mesh, of_node);
+        read(&glb(&json, &bin))
+    };
+    for (of_mesh, of_node, corner) in [
+        (Value::Null, Value::Null, [0.0, 0.0, 0.0]),
+        (json!([0.25, 0.5]), Value::Null, [1.0, 0.0, 2.0]),
+        (json!([0.25, 0.5]), json!([0.5, 0, 0]), [0.0, 0.0, 4.0]),
+    ] {
+        let (mesh, soundness) = with(of_mesh, of_node).unwrap();
+        assert_eq!((mesh.positions()[0], soundness.normals_computed), (corner.into(), false));
+    }
+    // The normals do not fit a target without normals.
+    let (mesh, soundness) = with(json!([0, 0, 1]), Value::Null).unwrap();
+    assert_eq!((mesh.positions()[2], soundness.normals_computed), (DVec3::new(1.0, 1.0, 8.0), true));
+
+    json["accessors"][up]["count"] = json!(3);
+    let error = read(&{
+        json["meshes"][0]["weights"] = json!([1]);
+        glb(&json, &bin)
+    });
+    assert!(error.unwrap_err().to_string().contains("has 3 positions in a morph target for 4"));
+}
+
+#[test]
+fn bounds_and_padding_may_be_missing() {
+    let bounds = json!({"bufferView": 0, "componentType": 5126, "count": 4, "type": "VEC3"});
+    assert_eq!(area(&read(&changed(&[("/accessors/0", bounds)])).unwrap().0), 2.0 * DVec3::Z);
+    for name in ["", "a", "ab", "abc"] {
+        let (mut json, bin) = square();
+        json["asset"]["generator"] = json!(name);
+        let text = json.to_string().into_bytes();
+        let mut bytes = b"glTF\x02\0\0\0".to_vec();
+        bytes.extend((28 + text.len() as u32 + bin.len() as u32).to_le_bytes());
+        for (kind, data) in [(b"JSON", &text), (b"BIN\0", &bin)] {
+            bytes.extend([&(data.len() as u32).to_le_bytes()[..], kind, data].concat());
+        }
+        assert_eq!(area(&read(&bytes).unwrap().0), 2.0 * DVec3::Z, "{name}");
+    }
 }

@@ -7,7 +7,7 @@
 const ICC_PROFILE: u16 = 34_675;
 
 /// Returns the ICC profile of the first picture of a TIFF or BigTIFF file, if there is one.
-pub(super) fn icc_profile(bytes: &[u8]) -> Option<&[u8]> {
+pub(in crate::picture) fn icc_profile(bytes: &[u8]) -> Option<&[u8]> {
     let big_endian = match bytes.get(..2)? {
         b"II" => false,
         b"MM" => true,

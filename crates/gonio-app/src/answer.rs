@@ -5,8 +5,8 @@ use std::path::Path;
 
 use glam::Vec3;
 use gonio::estimate::{
-    ALBEDO, Colouring, ColouringRule, Estimate, Light, LitEstimate, MAX_MISFIT, Material, Stage, estimate_beside,
-    estimate_under,
+    ALBEDO, Alignment, Colouring, ColouringRule, Estimate, Light, LitEstimate, MAX_MISFIT, Material, Stage,
+    estimate_beside, estimate_under,
 };
 use gonio::lighting::{EnvironmentMap, LightGrid, named_light};
 use gonio::model::Model;
@@ -156,7 +156,7 @@ pub(crate) fn of_one(
     {
         return Err(contradicted(&image, &seen, found.known_light.is_some(), misfit));
     }
-    let found = found.scaled_by_reference(&seen, &mut warnings);
+    let found = found.scaled_by_reference(&seen, &image, &mut warnings);
     Ok(assemble(asked, seen, found, &image, settings, warnings, progress_log))
 }
 
@@ -166,15 +166,20 @@ fn contradicted(image: &str, seen: &ObservedScene, lit: bool, misfit: f64) -> Pr
     let text = format!(
         "light and material do not reproduce the photograph: the relative RMS residual is {percent:.0} % (limit {most:.0} %)"
     );
-    let problem = Problem::of(image, text);
-    let problem = if lit { problem.with(Suggestion::AlignLight) } else { problem };
-    let problem = match &seen.detection.placed {
-        Some(placed) if placed.default_camera => problem.with(Suggestion::Camera).with(Suggestion::Pose),
-        Some(_) => problem.with(Suggestion::Pose),
-        None if seen.detection.circle().is_some() => problem.with(Suggestion::Outline),
-        None => problem,
+    let suggested = remedies(seen, lit.then_some(Suggestion::AlignLight));
+    suggested.into_iter().fold(Problem::of(image, text), Problem::with).with(Suggestion::Force)
+}
+
+/// Returns suggestions for a photograph that its shape and the estimate do not reproduce, the most
+/// probable first.
+fn remedies(seen: &ObservedScene, of_light: Option<Suggestion>) -> Vec<Suggestion> {
+    let of_shape = match &seen.detection.placed {
+        Some(placed) if placed.default_camera => vec![Suggestion::Camera, Suggestion::Pose],
+        Some(_) => vec![Suggestion::Pose],
+        None if seen.detection.circle().is_some() => vec![Suggestion::Outline],
+        None => Vec::new(),
     };
-    problem.with(Suggestion::Force)
+    of_light.into_iter().chain(of_shape).collect()
 }
 
 /// Estimates the BRDF of an object, and the light unless it is known.
@@ -196,15 +201,19 @@ pub(crate) fn solve(
             let found = estimate_under(model, observations, (map, ask.alignment), rule, &begin).map_err(blame)?;
             let known_light = Some(found.corrected(map));
             let scale = if ask.absolute { found.exposure } else { 1.0 };
-            let mut diagnostics: Vec<String> = found.diagnostics().iter().map(ToString::to_string).collect();
+            for diagnostic in found.diagnostics() {
+                let aligns = (ask.alignment != Alignment::Around).then_some(Suggestion::AlignLight);
+                let suggested = if diagnostic.is_misfit() { remedies(seen, aligns) } else { Vec::new() };
+                warnings.push(Warning::of(image, diagnostic).with(suggested));
+            }
             if ask.absolute && scale * ALBEDO > MOST {
-                diagnostics.push(format!(
+                let text = format!(
                     "the absolute albedo at normal incidence is {:.2}, above the physical limit of 1; photograph and light map \
                      do not have the same scale",
                     scale * ALBEDO
-                ));
+                );
+                warnings.push(Warning::of(image, text));
             }
-            warnings.extend(diagnostics.into_iter().map(Warning::from));
             let mut sections = notes::under_known_light(&found, ask);
             sections["settings"]["linear"] = json!(linear);
             let LitEstimate { material, misfit, colouring, .. } = found;
@@ -220,7 +229,7 @@ pub(crate) fn solve(
                 wanted.then(|| Fits::of(&colouring.field().tables(table), false))
             };
             let (found, fits) = estimate_beside(model, observations, &ask, &begin, fit).map_err(blame)?;
-            Ok(Found { fits, ..Found::blind(found, notes::settings(&ask, linear), warnings) })
+            Ok(Found { fits, ..Found::blind(found, (seen, image), notes::settings(&ask, linear), warnings) })
         }
         (method, known_light) => {
             let Some(search) = method.search() else { return Err(Problem::new("this method requires a known light")) };
@@ -238,9 +247,18 @@ pub(crate) fn solve(
 }
 
 impl Found {
-    /// Converts an estimate under unknown light; its diagnostics become warnings.
-    pub(crate) fn blind(found: Estimate, settings: Value, warnings: &mut Vec<Warning>) -> Self {
-        warnings.extend(found.diagnostics().iter().map(|diagnostic| Warning::from(diagnostic.to_string())));
+    /// Converts an estimate under unknown light; its diagnostics become warnings about the
+    /// photograph `image`.
+    pub(crate) fn blind(
+        found: Estimate,
+        (seen, image): (&ObservedScene, &str),
+        settings: Value,
+        warnings: &mut Vec<Warning>,
+    ) -> Self {
+        for diagnostic in found.diagnostics() {
+            let suggested = if diagnostic.is_misfit() { remedies(seen, None) } else { Vec::new() };
+            warnings.push(Warning::of(image, diagnostic).with(suggested));
+        }
         let mut sections = notes::estimate(&found);
         sections["settings"] = settings;
         let Estimate { material, light: Light { grid, misfit, .. }, colouring, tint } = found;
@@ -261,14 +279,19 @@ impl Found {
 
 impl Found {
     /// Scales the estimate by the reference in the photograph, if the reference determines a scale.
-    pub(crate) fn scaled_by_reference(mut self, seen: &ObservedScene, warnings: &mut Vec<Warning>) -> Self {
+    pub(crate) fn scaled_by_reference(
+        mut self,
+        seen: &ObservedScene,
+        image: &str,
+        warnings: &mut Vec<Warning>,
+    ) -> Self {
         let Some(reference) = &seen.reference else { return self };
         let scale = match (&self.light, &self.material) {
             (Some(light), Some(_)) => reference.scale(light),
             _ => None,
         };
         if let (Some(scale), Some(material)) = (scale, &self.material) {
-            warnings.extend(reference::too_bright(scale));
+            warnings.extend(reference::too_bright(image, scale));
             self.scale = scale.factor;
             // The fits were at another scale.
             self.fits = None;
@@ -299,10 +322,10 @@ pub(crate) fn assemble(
     let Found { table, scale, material, light, known_light, left, colouring, sections, fits } = found;
     if matches!((rule, &colouring), (ColouringRule::Estimate { .. }, Colouring::Median(_))) {
         let problem = "the model has no colour model; the BRDF has the median colour of the photograph";
-        warnings.push(Warning::from(problem.to_owned()));
+        warnings.push(Warning::of(image, problem));
     }
     let spaces = settings.spaces;
-    warnings.extend(spaces.warning(&colouring.field().tables(&table)));
+    warnings.extend(spaces.warning(image, &colouring.field().tables(&table)));
     let mut answer = InferenceResult {
         caption: String::new(),
         panels: None,

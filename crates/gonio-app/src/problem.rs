@@ -106,6 +106,18 @@ impl Warning {
         Self { text: text.into(), suggestions }
     }
 
+    /// Creates a warning about a named input.
+    pub fn of(name: impl Display, text: impl Display) -> Self {
+        Self::from(format!("{name}: {text}"))
+    }
+
+    /// Adds suggestions.
+    #[must_use]
+    pub fn with(mut self, suggestions: impl IntoIterator<Item = Suggestion>) -> Self {
+        self.suggestions.extend(suggestions);
+        self
+    }
+
     /// Returns the warning in one line, with the suggestions of a front end.
     pub fn worded(&self, words: Words<'_>) -> String {
         worded(&self.text, &self.suggestions, words)

@@ -214,13 +214,13 @@ impl MeasuredReference {
 }
 
 /// Warns about a physically impossible scale.
-pub(crate) fn too_bright(scale: AbsoluteScale) -> Option<Warning> {
+pub(crate) fn too_bright(image: &str, scale: AbsoluteScale) -> Option<Warning> {
     let albedo = ALBEDO * scale.factor;
     (albedo > MAX_ALBEDO).then(|| {
         let text = format!(
             "the reference implies an albedo of {albedo:.2} at normal incidence, above the physical limit of 1; \
              possible causes are shadow on the reference, its orientation, and its reflectance"
         );
-        Warning::new(text, vec![Suggestion::ReferenceColourOnly])
+        Warning::of(image, text).with([Suggestion::ReferenceColourOnly])
     })
 }

@@ -189,14 +189,14 @@ fn of_regions(
         let found = match beside {
             Some(Beside { estimate, relative_albedo }) => {
                 let ask = settings.estimate(rule);
-                let mut found = Found::blind(estimate, notes::settings(&ask, linear), &mut own);
+                let mut found = Found::blind(estimate, (&seen, &scene.name), notes::settings(&ask, linear), &mut own);
                 found.sections["relative_albedo"] = json!(relative_albedo);
                 found
             }
             None => solve(asked, &seen, (&scene.name, linear), settings, &mut own, progress_log)
                 .map_err(|problem| problem.within(&format!("region {}", part.name)))?,
         };
-        let found = found.scaled_by_reference(&seen, &mut own);
+        let found = found.scaled_by_reference(&seen, &scene.name, &mut own);
         let answer = assemble(asked, seen, found, &scene.name, settings, own, progress_log);
         done.push(Region { name: part.name.clone(), answer, relative_albedo });
     }

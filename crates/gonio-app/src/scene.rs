@@ -200,8 +200,8 @@ impl Names {
 
     fn warn(&self, odd: &SceneWarning) -> Warning {
         let text = match odd {
-            SceneWarning::Depth(_) => odd.to_string(),
-            SceneWarning::Clipped { .. }
+            SceneWarning::Depth(_)
+            | SceneWarning::Clipped { .. }
             | SceneWarning::Faulty { .. }
             | SceneWarning::Outliers { .. }
             | SceneWarning::Isolated { .. }

@@ -44,15 +44,16 @@ impl Spaces {
         })
     }
 
-    /// Warns if colours of the BRDF lie outside the gamut of the output space.
-    pub fn warning(self, tables: &[BivariateTable; 3]) -> Option<Warning> {
+    /// Warns if colours of the BRDF of the input `name` lie outside the gamut of the output space.
+    pub fn warning(self, name: &str, tables: &[BivariateTable; 3]) -> Option<Warning> {
         let (_, clamped) = from_rec709(tables, self.output);
         let (space, cells) = (self.output.name(), tables[0].as_slice().len());
         (clamped > 0).then(|| {
-            Warning::from(format!(
+            let text = format!(
                 "the BRDF has colours outside the gamut of {space}: {clamped} of {cells} cells have negative channels, \
                  which are set to zero"
-            ))
+            );
+            Warning::of(name, text)
         })
     }
 }

@@ -59,9 +59,10 @@ impl Options {
     }
 }
 
-/// Returns the default image of a photograph: `ball-check.png` for `ball.exr`.
+/// Returns the default image of a photograph: `ball.exr-check.png` for `ball.exr`. Photographs that
+/// differ only in their extension have different images.
 fn beside(image: &Path) -> PathBuf {
-    let mut name = image.file_stem().unwrap_or_default().to_owned();
+    let mut name = image.file_name().unwrap_or_default().to_owned();
     name.push("-check.png");
     image.with_file_name(name)
 }

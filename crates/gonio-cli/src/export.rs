@@ -117,7 +117,7 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     };
     let poor = summary["warnings"].as_array().into_iter().flatten().filter_map(Value::as_str).map(str::to_owned);
     let warnings: Vec<String> = Spaces { input: None, output: options.space.space() }
-        .warning(&colours)
+        .warning(&file.display().to_string(), &colours)
         .iter()
         .map(|w| w.worded(&words))
         .chain(poor)

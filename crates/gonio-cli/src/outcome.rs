@@ -28,15 +28,15 @@ impl Outcome {
         self
     }
 
-    /// Prints warnings to standard error and text to standard output. If `json`, prints one object
-    /// with warnings and fields to standard output instead.
+    /// Prints text to standard output, then warnings to standard error. If `json`, prints one
+    /// object with warnings and fields to standard output instead.
     pub(crate) fn print(mut self, json: bool) {
         if json {
             self.fields.insert("warnings".into(), json!(self.warnings));
             println!("{}", Value::Object(self.fields));
         } else if !is_quiet() {
-            self.warnings.iter().for_each(|warning| eprintln!("warning: {}", one_line(warning)));
             println!("{}", lines(&self.text));
+            self.warnings.iter().for_each(|warning| eprintln!("warning: {}", one_line(warning)));
         }
     }
 }

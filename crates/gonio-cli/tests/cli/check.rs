@@ -4,7 +4,7 @@ use glam::Vec3;
 use gonio::picture::Picture;
 use gonio_io::picture::{ReadOptions, encode_exr_clipped, read};
 
-use crate::support::{Bench, SIZE, ball, exr, grey, mask};
+use crate::support::{Bench, SIZE, ball, exr, grey, mask, normals};
 
 /// Encodes the ball with twelve clipped pixels, a negative pixel and a NaN pixel.
 fn faulty() -> Vec<u8> {
@@ -23,9 +23,10 @@ fn describes_and_draws_the_detection() {
     assert!(run.stdout.contains("faulty.exr: 48x48 pixels"), "{run:?}");
     assert!(run.stdout.contains("ball, circle 24.0,24.0,2"), "{run:?}");
     assert!(run.stdout.contains("12 clipped, 2 faulty"), "{run:?}");
-    assert!(run.stdout.ends_with("see faulty-check.png\n"), "{run:?}");
+    assert!(run.stdout.ends_with("see faulty.exr-check.png\n"), "{run:?}");
     assert!(run.stderr.contains("faulty.exr: 12 of"), "{run:?}");
-    let drawn = read(bench.path("faulty-check.png"), &ReadOptions { linear: true, ..ReadOptions::default() }).unwrap();
+    let drawn =
+        read(bench.path("faulty.exr-check.png"), &ReadOptions { linear: true, ..ReadOptions::default() }).unwrap();
     let drawn = drawn.picture.rgb;
     // Each pixel of the photograph is drawn as a square of 10 x 10 pixels.
     let at = |x: usize, y: usize| drawn[(10 * x + 5, 10 * y + 5)];
@@ -67,11 +68,23 @@ fn describes_every_object() {
 }
 
 #[test]
+fn photographs_of_one_stem_have_different_images() {
+    let bench = Bench::with_ball();
+    let dim = normals(SIZE).map(|n| 0.4 * Vec3::splat(n.z));
+    bench.write("ball.png", &gonio_io::picture::encode_png(&dim));
+    for image in ["ball.exr", "ball.png"] {
+        let run = bench.run(&format!("check {image}")).succeeds();
+        assert!(run.stdout.ends_with(&format!("see {image}-check.png\n")), "{run:?}");
+    }
+    assert_ne!(bench.read("ball.exr-check.png"), bench.read("ball.png-check.png"));
+}
+
+#[test]
 fn replaces_only_its_own_images() {
     let bench = Bench::with_ball();
-    bench.write("ball-check.png", &mask(SIZE));
-    bench.refuses("check ball.exr", &["ball-check.png: exists and was not written by gonio check", "-o X.png"]);
-    std::fs::remove_file(bench.path("ball-check.png")).unwrap();
+    bench.write("ball.exr-check.png", &mask(SIZE));
+    bench.refuses("check ball.exr", &["ball.exr-check.png: exists and was not written by gonio check", "-o X.png"]);
+    std::fs::remove_file(bench.path("ball.exr-check.png")).unwrap();
     bench.run("check ball.exr").succeeds();
     bench.run("check ball.exr").succeeds();
     bench.refuses("check ball.exr -o x.jpg", &["x.jpg: the output must be a .png file"]);

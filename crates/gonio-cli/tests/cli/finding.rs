@@ -94,9 +94,9 @@ fn lists_and_draws_candidates_of_ambiguous_detections() {
     bench.write("balls.exr", &exr_of(photograph(&[(20, 40), (260, 60)], texture)));
     let message = ["balls.exr: the ball was not reliably detected", "(1) --circle ", "(2) --circle ", "--mask FILE"];
     bench.refuses("infer balls.exr -o out", &message);
-    let run = bench.run("check balls.exr").fails(&[&message[..], &["; see balls-check.png"]].concat());
-    assert_eq!(bench.names("."), ["balls-check.png", "balls.exr"]);
-    assert_eq!(&bench.read("balls-check.png")[1..4], b"PNG");
+    let run = bench.run("check balls.exr").fails(&[&message[..], &["; see balls.exr-check.png"]].concat());
+    assert_eq!(bench.names("."), ["balls.exr", "balls.exr-check.png"]);
+    assert_eq!(&bench.read("balls.exr-check.png")[1..4], b"PNG");
     // The suggested option works.
     let at = run.stderr.find("(1) ").unwrap() + 4;
     let option = run.stderr[at..].split([',', ';']).take(3).collect::<Vec<_>>().join(",");

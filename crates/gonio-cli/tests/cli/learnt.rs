@@ -92,7 +92,10 @@ fn warns_about_half_a_ball() {
     let half = Plane::from_fn(SIZE, SIZE, |x, y| if x > SIZE / 2 { Vec3::ZERO } else { whole[(x, y)] });
     bench.write("half.npy", &encode_normals(&half));
     let run = bench.run("infer ball.exr -o out --grid 8 --normals half.npy").succeeds();
-    assert!(run.stderr.lines().any(|l| l.starts_with("warning: ") && l.contains("were interpolated")), "{run:?}");
+    assert!(
+        run.stderr.lines().any(|l| l.starts_with("warning: ball.exr: ") && l.contains("were interpolated")),
+        "{run:?}"
+    );
     let warnings = bench.json("out/result.json")["warnings"].to_string();
     assert!(warnings.contains("were interpolated"), "{warnings}");
 }

@@ -189,12 +189,28 @@ impl DiskImage {
 
     /// Returns the share of the disk's cells that are observed, in 0..=1.
     pub fn observed(&self) -> f32 {
-        let (mut seen, mut all) = (0, 0);
+        Self::share_of_cells(|cell| self.counts[cell] > 0.0)
+    }
+
+    /// Returns the share of the disk's cells that are observed or next to an observed one, in
+    /// 0..=1.
+    ///
+    /// The observations of shapes with shadows or in perspective are sparser than the cells.
+    pub fn covered(&self) -> f32 {
+        Self::share_of_cells(|cell| {
+            let (column, row) = (cell % SIDE, cell / SIDE);
+            let around = |at: usize| at.saturating_sub(1)..=(at + 1).min(SIDE - 1);
+            around(row).any(|row| around(column).any(|column| self.counts[row * SIDE + column] > 0.0))
+        })
+    }
+
+    fn share_of_cells(is_counted: impl Fn(usize) -> bool) -> f32 {
+        let (mut counted, mut all) = (0, 0);
         for cell in (0..SIDE * SIDE).filter(|&c| on_disk(c)) {
             all += 1;
-            seen += usize::from(self.counts[cell] > 0.0);
+            counted += usize::from(is_counted(cell));
         }
-        seen as f32 / all as f32
+        counted as f32 / all as f32
     }
 
     /// Writes the input of an encoder, `[row][column][channel]`, and returns the [`GLOBALS`].
@@ -368,6 +384,9 @@ pub(super) mod tests {
             assert!((image.values[cell] - (1.0 + 0.5 * x - 0.3 * y)).abs() < tolerance, "{x} {y}");
         }
         assert!((image.observed() - (1.0 - 0.04 / 0.97)).abs() < 0.01);
+        // A sparse image covers the disk without its hole.
+        let sparse = DiskImage::gather(&ball(8_000, 0.0).into_iter().filter(hole).collect::<Vec<_>>()).unwrap();
+        assert!(sparse.observed() < 0.55 && (sparse.covered() - image.covered()).abs() < 0.02, "{}", sparse.covered());
     }
 
     #[test]

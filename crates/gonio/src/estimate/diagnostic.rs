@@ -51,6 +51,13 @@ pub enum Diagnostic {
     },
 }
 
+impl Diagnostic {
+    /// Whether light and material do not reproduce the photograph.
+    pub fn is_misfit(&self) -> bool {
+        matches!(self, Self::Misfit { .. })
+    }
+}
+
 impl fmt::Display for Diagnostic {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {

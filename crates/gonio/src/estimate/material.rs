@@ -164,7 +164,7 @@ impl<'a> MaterialDraft<'a> {
         Ok(Self {
             strangeness: reading.strangeness,
             fineness: fineness(image),
-            filled: normals - (f64::from(image.observed()) * normals as f64).round() as usize,
+            filled: normals - (f64::from(image.covered()) * normals as f64).round() as usize,
             unshadowed: unshadowed.change,
             ..Self::with(learnt, f64::from(image.scatter), posterior)
         }

@@ -262,7 +262,9 @@ mod tests {
         }
         let square = Plane::from_fn(128, 128, |x, y| f32::from((30..90).contains(&x) && (30..90).contains(&y)));
         assert!(matches!(refused(&square), SceneError::NotACircle { .. }));
-        assert_eq!(refused(&square).suggestions()[0], Suggestion::Normals);
+        assert_eq!(refused(&square).suggestions()[0], Suggestion::Mesh);
+        let vase = refused(&ellipse((128, 128), (64.0, 64.0), (50.0, 30.0), true));
+        assert_eq!(vase.suggestions()[..2], [Suggestion::Mesh, Suggestion::Normals]);
         let half = Plane::from_fn(128, 128, |x, _| f32::from(x < 60));
         assert!(matches!(refused(&half), SceneError::ShortOutline { .. }), "{}", refused(&half));
         assert!(matches!(

@@ -6,6 +6,9 @@ use super::{Candidate, Circle, Contradiction, Extent, ObservationReport};
 use crate::shape::{CameraError, MeshError};
 use crate::suggestion::Suggestion;
 
+/// Axis ratio below which an elliptic outline is not that of a ball in perspective.
+const LONG: f64 = 0.85;
+
 /// Error in detecting or sampling an object; [`SceneError::suggestions`] lists suggestions.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum SceneError {
@@ -61,10 +64,7 @@ pub enum SceneError {
         rim: usize,
     },
     /// The outline is not an ellipse, or not that of a ball in perspective.
-    #[error(
-        "the outline is not that of a ball or ellipsoid: its {rim} points deviate by {residual:.1} pixels; check \
-         the mask"
-    )]
+    #[error("the outline of the object is not an ellipse: its {rim} points deviate by {residual:.1} pixels")]
     NotAnEllipse {
         /// Distance from the best ellipse within which 70 % of the points of the outline lie, in
         /// pixels; zero if no ellipse was fitted.
@@ -233,11 +233,14 @@ impl SceneError {
     pub fn suggestions(&self) -> Vec<Suggestion> {
         match self {
             Self::MaskEverywhere | Self::ShortOutline { .. } => vec![Suggestion::Outline],
+            Self::Elliptic { under_camera: false, aspect } if *aspect < LONG => {
+                vec![Suggestion::Mesh, Suggestion::Normals, Suggestion::Ellipsoid]
+            }
             Self::Elliptic { under_camera: false, .. } => {
                 vec![Suggestion::Ellipsoid, Suggestion::Outline, Suggestion::Camera]
             }
             Self::Elliptic { under_camera: true, .. } => vec![Suggestion::Mesh, Suggestion::Mask],
-            Self::NotACircle { .. } => vec![Suggestion::Normals, Suggestion::Mesh, Suggestion::Outline],
+            Self::NotACircle { .. } => vec![Suggestion::Mesh, Suggestion::Normals, Suggestion::Outline],
             Self::Several { objects } => {
                 let circles: Vec<Circle> = objects.iter().filter_map(|object| object.circle).collect();
                 let one = (!circles.is_empty()).then_some(Suggestion::OneOf(circles));
@@ -246,7 +249,7 @@ impl SceneError {
             Self::Unsure { candidates } => {
                 vec![Suggestion::OneOf(candidates.iter().map(|candidate| candidate.circle).collect()), Suggestion::Mask]
             }
-            Self::NotAnEllipse { .. } => vec![Suggestion::Mesh, Suggestion::Normals],
+            Self::NotAnEllipse { .. } => vec![Suggestion::Mesh, Suggestion::Normals, Suggestion::Mask],
             Self::NoOutline => vec![Suggestion::Mask, Suggestion::Outline],
             Self::Elsewhere { default_camera: true, .. } => {
                 vec![Suggestion::Camera, Suggestion::Pose, Suggestion::Force]

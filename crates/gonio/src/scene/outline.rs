@@ -303,7 +303,8 @@ mod tests {
     #[test]
     fn a_given_camera_is_not_suggested() {
         let camera = Camera::new(Projection::Orthographic { pixels_per_unit: 10.0 }, (0.0, 0.0), (240, 200)).unwrap();
-        let coverage = mask(camera.size, ellipse(0.3, 0.0));
+        let in_perspective = |x: f64, y: f64| ((x - 110.0) / 66.0).powi(2) + ((y - 95.0) / 60.0).powi(2) < 1.0;
+        let coverage = mask(camera.size, in_perspective);
         let without = super::super::find_sphere(&coverage).unwrap_err();
         assert!(without.suggestions().contains(&Suggestion::Camera), "{without}");
         let given = find_ball(&coverage, &camera).unwrap_err();

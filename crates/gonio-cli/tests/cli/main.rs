@@ -19,6 +19,7 @@ mod learnt;
 mod light;
 mod merge;
 mod pictures;
+mod public;
 mod references;
 mod refusals;
 mod regions;

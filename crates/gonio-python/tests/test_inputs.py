@@ -135,6 +135,21 @@ def test_exposures_are_merged(exposures, tmp_path):
     assert at_once.brdf.name == "a" and at_once.notes["bracket"]["exposures"] == [1 / 16, 1 / 4, 1]
 
 
+def test_shifted_exposures_are_aligned(exposures, tmp_path):
+    files, times, _, _ = exposures
+    # The ball has a uniform background, so that the shift moves no border into the picture.
+    shifted = np.roll(np.asarray(Image.open(files[1])), 3, axis=1)
+    Image.fromarray(shifted).save(tmp_path / "shifted.png")
+    bracket = [files[0], tmp_path / "shifted.png", files[2]]
+    merged = gonio.merge(bracket, times=times, response="linear")
+    shifts = [correction["shift"] for correction in merged.notes["report"]["corrections"]]
+    assert shifts == [[0, 0], [3, 0], [0, 0]]
+    plain = gonio.merge(bracket, times=times, response="linear", align=False, trust_times=True)
+    assert all(correction["shift"] == [0, 0] for correction in plain.notes["report"]["corrections"])
+    with pytest.raises(TypeError, match="align"):
+        gonio.merge(bracket, times=times, align="no")
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
@@ -157,8 +172,9 @@ def test_rejects_invalid_lists_of_exposures(small, exposures):
         gonio.infer([exposures[0][0], small])
     with pytest.raises(TypeError, match="images: must be a list of the files of exposures, not 'a.jpg'"):
         gonio.merge("a.jpg")
-    with pytest.raises(gonio.GonioError, match="times applies only to files, but the image is an array"):
-        gonio.infer(small, times=[1.0])
+    for option, value in [("times", [1.0]), ("align", False), ("trust_times", True)]:
+        with pytest.raises(gonio.GonioError, match=f"{option} applies only to files, but the image is an array"):
+            gonio.infer(small, **{option: value})
 
 
 # ACEScg to linear Rec. 709, from the ACES reference implementation (Bradford adaptation).

@@ -64,10 +64,10 @@ def test_the_program_gives_the_same_coefficients(small, tmp_path):
 
 # Options of the program with another name in Python; None if the Python function does not need them.
 ELSEWHERE = {
-    "infer": {"mesh": "shape", "materials": "infer_regions", "no-shadows": "shadows", "paper": "method", "no-report": "report", "output": None},
-    "check": {"mesh": "shape", "circle": "circles", "output": None},
-    "merge": {"layer": None, "output": None, "save-response": None},
-    "light": {"output": None},
+    "infer": {"no-align": "align", "mesh": "shape", "materials": "infer_regions", "no-shadows": "shadows", "paper": "method", "no-report": "report", "output": None},
+    "check": {"no-align": "align", "mesh": "shape", "circle": "circles", "output": None},
+    "merge": {"no-align": "align", "layer": None, "output": None, "save-response": None},
+    "light": {"no-align": "align", "output": None},
     "render": {"mesh": "shape", "no-shadows": "shadows", "height": "size", "output": None},
     "combine": {"output": None},
     "export": {"output": "directory"},

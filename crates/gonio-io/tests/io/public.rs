@@ -36,7 +36,7 @@ fn nodes_of_scale_zero_are_hidden() {
 
 #[test]
 fn quantised_positions_are_read() {
-    let (mesh, soundness) = mesh::read_mesh(file("quantized.glb")).unwrap();
+    let (mesh, soundness) = mesh::read_mesh(file("quantised.glb")).unwrap();
     assert_eq!((soundness.triangles, soundness.normals_computed, soundness.normals_against), (320, false, 0));
     // Codes of the first two vertices; the node scales by 1.3.
     for (i, codes) in

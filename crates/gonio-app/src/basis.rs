@@ -61,18 +61,15 @@ pub(crate) fn find(
         return Err(Problem::of(image, "all reflectance coefficients are zero; check that the object is lit"));
     }
     if posterior.starts.iter().all(|s| !s.converged) {
-        warnings.push("no start of the solver converged; the result may be inaccurate".to_owned().into());
+        warnings.push(Warning::of(image, "no start of the solver converged; the result may be inaccurate"));
     }
     let noise = posterior.noise / (projected.energy() / projected.pixels as f64).sqrt();
     if noise > UNEXPLAINED {
-        warnings.push(
-            format!(
-                "the solver did not converge: the relative RMS residual of the photograph is {:.0} %; the result is \
-                 unreliable",
-                100.0 * noise
-            )
-            .into(),
+        let text = format!(
+            "the solver did not converge: the relative RMS residual of the photograph is {:.0} %; the result is unreliable",
+            100.0 * noise
         );
+        warnings.push(Warning::of(image, text));
     }
     let (table, scale) = table.with_normal_albedo(ALBEDO);
     let light = known.is_none().then(|| {

@@ -64,7 +64,7 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
                 let expected = sureness.map_or(f64::NAN, |sureness| sureness.error);
                 println!("| {number}: {description} | {true_circle} | {error:.2} | {expected:.2} |");
                 errors.push(error);
-                ratios.push(error / expected);
+                ratios.extend(expected.is_finite().then(|| error / expected));
                 if error > CORRECT {
                     missed += 1;
                     if let Some(folder) = &options.failures {
@@ -90,7 +90,6 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
         at(0.99),
         errors.last().copied().unwrap_or(f64::NAN),
     );
-    ratios.retain(|ratio| ratio.is_finite());
     let within = |most: f64| 100.0 * ratios.iter().filter(|r| **r <= most).count() as f64 / ratios.len() as f64;
     println!(
         "errors within 1, 2 and 3 standard errors: {:.0}, {:.0} and {:.0} %",

@@ -172,7 +172,7 @@ def test_rejects_invalid_lists_of_exposures(small, exposures):
         gonio.infer([exposures[0][0], small])
     with pytest.raises(TypeError, match="images: must be a list of the files of exposures, not 'a.jpg'"):
         gonio.merge("a.jpg")
-    for option, value in [("times", [1.0]), ("align", False), ("trust_times", True)]:
+    for option, value in [("times", [1.0]), ("times", np.array([0.1, 0.2])), ("align", False), ("trust_times", True)]:
         with pytest.raises(gonio.GonioError, match=f"{option} applies only to files, but the image is an array"):
             gonio.infer(small, **{option: value})
 

@@ -54,11 +54,15 @@ pub(super) fn at_full_resolution(bytes: &[u8]) -> Option<(Vec<u8>, Sampling)> {
             let kind = text(at)?;
             at += kind.len() + 1;
             let end = (at + 4).checked_add(usize::try_from(number(at)?).ok()?)?;
-            if name == b"channels" && kind == b"chlist" {
+            if name == b"channels" && kind == b"chlist" && layer.is_empty() {
                 let mut channel = at + 4;
                 while !text(channel)?.is_empty() {
                     // After the name: type, linearity and three unused bytes.
                     let place = channel + text(channel)?.len() + 9;
+                    // A list beyond its attribute is damaged.
+                    if place + 8 > end {
+                        return None;
+                    }
                     let factor = |at| number(at).and_then(|n| usize::try_from(n).ok()).filter(|n| *n > 0);
                     layer.push(Vec2(factor(place)?, factor(place + 4)?));
                     places.push(place);
@@ -129,7 +133,7 @@ impl Subsampled {
     ///
     /// # Errors
     /// If it is damaged.
-    pub(super) fn decompress(&self, chunk: Chunk, meta: &MetaData) -> exr::error::Result<UncompressedBlock> {
+    pub(super) fn decompress(&self, mut chunk: Chunk, meta: &MetaData) -> exr::error::Result<UncompressedBlock> {
         let invalid = || exr::error::Error::Invalid("layer of a pixel block".into());
         let mut header = meta.headers.get(chunk.layer_index).ok_or_else(invalid)?.clone();
         for (channel, sampling) in header.channels.list.iter_mut().zip(&self.sampling) {
@@ -145,11 +149,12 @@ impl Subsampled {
             return Err(exr::error::Error::NotSupported("this subsampling of channels".into()));
         }
         header.channels.bytes_per_pixel = length / area;
-        let meta = MetaData {
-            requirements: meta.requirements,
-            headers: std::iter::repeat_n(header, chunk.layer_index + 1).collect(),
-        };
-        UncompressedBlock::decompress_chunk(chunk, &meta, false)
+        // A single header, so that files of many parts are not copied for each block.
+        let layer = std::mem::take(&mut chunk.layer_index);
+        let meta = MetaData { requirements: meta.requirements, headers: std::iter::once(header).collect() };
+        let mut block = UncompressedBlock::decompress_chunk(chunk, &meta, false)?;
+        block.index.layer = layer;
+        Ok(block)
     }
 
     /// Returns the number of bytes of a row. Rows between those of a channel lack the channel.

@@ -20,6 +20,8 @@ const MAX_PIXELS: usize = 1 << 16;
 const MIN_GAIN: f64 = 0.02;
 /// Smallest veil that is corrected, as a share of the median radiance.
 const MIN_VEIL: f64 = 0.02;
+/// Share of the largest veil of a bracket below which a veil is an error of the estimate.
+const SMALL_VEIL: f64 = 0.05;
 /// Share to which gains of each channel, or a veil, must reduce the median disagreement of two
 /// exposures.
 const IMPROVED: f64 = 0.7;
@@ -103,17 +105,41 @@ fn store(frames: &mut [Frame<'_>], order: &[usize], differences: &[Option<Differ
             logs[i + 1] = logs[i] + if off.abs() > MIN_GAIN { off } else { 0.0 };
         }
         let middle = median(&mut logs.clone()).unwrap_or(0.0);
-        // A veil is relative to the shorter exposure, which may have one itself.
-        let mut veil = 0.0;
+        let veils = chained_veils(differences, channel);
         for (i, &at) in order.iter().enumerate() {
-            if let Some(difference) = i.checked_sub(1).and_then(|i| differences[i]) {
-                veil = difference.log_gain[channel].exp() * veil + difference.veil[channel];
-            }
             let frame = &mut frames[at];
             frame.correction.gain[channel] = (logs[i] - middle).exp();
-            frame.correction.veil[channel] = veil * frame.stated;
+            frame.correction.veil[channel] = veils[i] * frame.stated;
         }
     }
+}
+
+/// Returns the veil of each exposure of a channel, as radiance, the shortest exposure first.
+///
+/// The veil of a pair is relative to its shorter exposure, which may have a veil itself. A veil
+/// adds light, so the smallest veil is zero. After a pair without samples, the veil is zero, too.
+/// Veils that are small beside the largest one are errors of the estimate.
+fn chained_veils(differences: &[Option<Difference>], channel: usize) -> Vec<f64> {
+    let (mut veils, mut gains) = (vec![0.0], vec![1.0]);
+    for difference in differences {
+        let (veil, gain) = (veils[veils.len() - 1], gains[gains.len() - 1]);
+        match difference {
+            Some(difference) => {
+                let by = difference.log_gain[channel].exp();
+                veils.push(by * veil + difference.veil[channel]);
+                gains.push(by * gain);
+            }
+            None => {
+                veils.push(0.0);
+                gains.push(gain);
+            }
+        }
+    }
+    let least = veils.iter().zip(&gains).map(|(veil, gain)| veil / gain).fold(f64::INFINITY, f64::min);
+    veils.iter_mut().zip(&gains).for_each(|(veil, gain)| *veil -= gain * least);
+    let largest = veils.iter().copied().fold(0.0, f64::max);
+    veils.iter_mut().filter(|veil| **veil < SMALL_VEIL * largest).for_each(|veil| *veil = 0.0);
+    veils
 }
 
 /// Estimates the difference of `b` from the shorter exposure `a`; `None` with too few samples.

@@ -50,7 +50,7 @@ pub enum Known {
     /// code in the longest exposure, and half of the latter is stored.
     Dark,
     /// The radiance is unknown: the exposures contradict each other, for example because something
-    /// moved.
+    /// moved, or no aligned exposure shows the pixel.
     Moved,
 }
 
@@ -126,16 +126,13 @@ pub fn merge(
     let bracket = Bracket { exposures, shifts, response, settings };
     let all: Vec<usize> = (0..exposures.len()).collect();
     let error = match bracket.attempt(&all, settings.trust_times) {
-        Err(error) if error.is_contradiction() => error,
+        Err(error) if error.is_contradiction() && !settings.trust_times => error,
         result => return result.map(|attempt| bracket.assemble(attempt)),
     };
     let mut kept = all;
     for _ in 0..(MAX_LEFT_OUT * exposures.len() as f64) as usize {
-        let (rest, contradiction) = bracket.without_one(&kept).ok_or_else(|| error.clone())?;
-        kept = rest;
-        if contradiction <= settings.motion
-            && let Ok(attempt) = bracket.attempt(&kept, false)
-        {
+        kept = bracket.without_one(&kept).ok_or_else(|| error.clone())?;
+        if let Ok(attempt) = bracket.attempt(&kept, false) {
             return Ok(bracket.assemble(attempt));
         }
     }
@@ -191,9 +188,9 @@ impl<'a> Bracket<'a> {
 
     /// Leaves out the exposure without which the others contradict each other least.
     ///
-    /// Returns the others and the share of pixels that contradict each other; `None` if fewer than
-    /// two would be left, or if no response explains any part.
-    fn without_one(&self, kept: &[usize]) -> Option<(Vec<usize>, f64)> {
+    /// Returns the others; `None` if fewer than two would be left, or if no response explains any
+    /// part.
+    fn without_one(&self, kept: &[usize]) -> Option<Vec<usize>> {
         if kept.len() < 3 {
             return None;
         }
@@ -202,10 +199,10 @@ impl<'a> Bracket<'a> {
             let attempt = self.attempt(&rest, true).ok()?;
             // A time that is wrong by 100 % is as bad as motion everywhere.
             let off = attempt.time_errors.iter().map(|e| e.abs()).fold(0.0, f64::max);
-            Some((rest, attempt.moved(), attempt.moved() + off))
+            Some((rest, attempt.moved() + off))
         };
         let parts = kept.iter().filter_map(part);
-        parts.min_by(|a, b| a.2.total_cmp(&b.2)).map(|(rest, moved, _)| (rest, moved))
+        parts.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(rest, _)| rest)
     }
 
     fn assemble(&self, attempt: Attempt<'_>) -> Merged {

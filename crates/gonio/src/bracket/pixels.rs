@@ -31,7 +31,6 @@ enum Sample {
 /// `exposures` is the number of exposures of the bracket, of which the frames may be a part.
 pub(super) fn merged(frames: &[Frame<'_>], exposures: usize, tables: &[Table; 3]) -> Row {
     let (width, height) = frames[0].size();
-    let longest = frames.iter().map(|frame| frame.stated).fold(0.0, f64::max);
     let step = (width * height).div_ceil(MAX_RESIDUALS).max(1);
     let of_row = |y: usize| {
         let mut row = Row::new(width, exposures);
@@ -47,7 +46,7 @@ pub(super) fn merged(frames: &[Frame<'_>], exposures: usize, tables: &[Table; 3]
                     return Sample::Moved;
                 }
                 let residuals = i.is_multiple_of(step).then_some(&mut row.residuals);
-                sample(&codes, (channel, &tables[channel]), longest, residuals)
+                sample(&codes, (channel, &tables[channel]), residuals)
             });
             row.compared += usize::from(compared);
             row.take(&samples);
@@ -60,13 +59,11 @@ pub(super) fn merged(frames: &[Frame<'_>], exposures: usize, tables: &[Table; 3]
     all
 }
 
-/// Combines the exposures of one channel of a pixel, and collects their disagreements.
-///
-/// `longest` is the largest amount of light of the bracket.
+/// Combines the exposures of one channel of a pixel, and collects their disagreements. A pixel that
+/// no exposure shows is unknown.
 fn sample(
     codes: &[(&Frame<'_>, u16)],
     (channel, table): (usize, &Table),
-    longest: f64,
     residuals: Option<&mut Vec<Vec<f64>>>,
 ) -> Sample {
     let (mut sum, mut total, mut precision) = (0.0, 0.0, 0.0);
@@ -103,6 +100,10 @@ fn sample(
     // would contradict it.
     if codes.iter().any(|(_, code)| *code >= table.white) {
         return Sample::Clipped;
+    }
+    let longest = codes.iter().map(|(frame, _)| frame.amount(channel)).fold(0.0, f64::max);
+    if longest == 0.0 {
+        return Sample::Moved;
     }
     let first = (usize::from(table.black) + 1).min(table.exposure.len() - 1);
     Sample::Dark(0.5 * table.exposure[first] / longest)

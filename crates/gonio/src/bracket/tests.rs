@@ -285,6 +285,34 @@ fn corrects_flicker_and_veiling_glare() {
 }
 
 #[test]
+fn a_veil_in_the_shortest_exposure_does_not_raise_the_others() {
+    let scene = scene(256, 128).map(|v| *v * 0.2);
+    let veil = Vec3::splat(0.05);
+    let mut exposures = take(&scene, &AMOUNTS, 0.3);
+    exposures[2] = take(&scene.map(|v| *v + veil), &AMOUNTS[2..3], 0.3).swap_remove(0);
+    let merged = merge(&exposures[2..], Some(&truth()), &MergeSettings::default()).unwrap();
+    let veils: Vec<f64> = merged.report.corrections.iter().map(|c| c.map_or(0.0, |c| c.veil[1])).collect();
+    assert!((veils[0] / AMOUNTS[2] - 0.05).abs() < 0.01 && veils[1..].iter().all(|veil| *veil == 0.0), "{veils:?}");
+    assert!(errors(&merged, &scene, false).1 < 0.05, "{:?}", errors(&merged, &scene, false));
+}
+
+#[test]
+fn pixels_that_no_exposure_shows_are_unknown() {
+    let large = textured(400, 200);
+    let shot =
+        |shift: usize, amount: f64| take(&part(&large, (50 - shift, 25), 300, 150), &[amount], 0.3).swap_remove(0);
+    // The first exposure has a wrong time; the others are shifted by 6 pixels.
+    let mut exposures = vec![shot(0, 0.32), shot(6, 0.08), shot(6, 1.28), shot(6, 5.12)];
+    exposures[0].amount = 0.02;
+    let merged = merge(&exposures, Some(&truth()), &MergeSettings::default()).unwrap();
+    assert_eq!(left_out(&merged), [0]);
+    for y in 0..150 {
+        assert_eq!(merged.known[(297, y)], Known::Moved);
+        assert_eq!(merged.picture.rgb[(297, y)], Vec3::splat(merged.clip_level));
+    }
+}
+
+#[test]
 fn leaves_out_an_exposure_with_a_wrong_time() {
     let scene = scene(128, 64);
     let mut exposures = take(&scene, &AMOUNTS, 0.5);

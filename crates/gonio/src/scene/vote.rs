@@ -45,7 +45,7 @@ pub struct Sureness {
     /// Weight of the next circle without the edges of the ball, relative to that of the ball; at
     /// least 0.
     pub rival: f64,
-    /// Standard error of its centre and radius, in pixels.
+    /// Standard error of its centre and radius, in pixels; infinite if its edges are too few.
     pub error: f64,
 }
 
@@ -53,7 +53,10 @@ impl std::fmt::Display for Sureness {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let Self { support, rival, error } = self;
         write!(f, "detected by its edges: {:.0} % of its outline is visible", 100.0 * support)?;
-        write!(f, ", standard error {error:.1} pixels")?;
+        match error {
+            error if error.is_finite() => write!(f, ", standard error {error:.1} pixels")?,
+            _ => write!(f, ", unknown standard error")?,
+        }
         if *rival > 0.0 {
             write!(f, ", relative weight of the next candidate circle {:.0} %", 100.0 * rival)?;
         }

@@ -223,13 +223,13 @@ impl<'a> Placed<'a> {
         let count = positions.len();
         let place = |p: [f32; 3]| self.pose.transform_point3(Vec3::from_array(p).as_dvec3());
         let normals = match primitive.get(&gltf::Semantic::Normals) {
+            Some(accessor) if ![0, count].contains(&accessor.count()) => {
+                let problem = format!("has {} normals for {count} vertices", accessor.count());
+                return Err(Error::damaged(self.path, problem));
+            }
             Some(accessor) => buffers.vectors(&accessor, "normals")?,
             None => Vec::new(),
         };
-        if !(normals.is_empty() || normals.len() == count) {
-            let problem = format!("has {} normals for {count} vertices", normals.len());
-            return Err(Error::damaged(self.path, problem));
-        }
         let mut vertices = Vertices { positions, normals };
         vertices.morph(self.path, primitive, self.weights, buffers, parts)?;
         let Vertices { positions, normals } = vertices;

@@ -41,6 +41,7 @@ pub(super) fn load(
     let mut reader = Decoder::new(Cursor::new(bytes)).map_err(failed)?;
     let (width, height) = reader.dimensions().map_err(failed)?;
     let size = options.check_size(path, width.into(), height.into())?;
+    let room = usize::try_from(options.max_pixels.saturating_mul(32).saturating_add(1 << 24)).unwrap_or(usize::MAX);
     let is_tiled = reader.get_chunk_type() == ChunkType::Tile;
     let chunk = reader.chunk_dimensions();
     if is_tiled {
@@ -49,12 +50,17 @@ pub(super) fn load(
     }
     let colour = reader.colortype().map_err(failed)?;
     let layout = Layout::of(&mut reader, is_tiled);
+    // The decoder allocates a row of a chunk with all its channels without a limit.
+    let samples = if layout.is_planar { 1 } else { u64::from(layout.samples) };
+    if u64::from(chunk.0).saturating_mul(samples).saturating_mul(8) > room as u64 {
+        let problem = format!("has {} channels of {width} columns", layout.samples);
+        return Err(Error::limits(path, problem, "write a grey or RGB image"));
+    }
     layout.check_predictor(path, colour)?;
     if layout.is_read_by_image(colour) {
         return Ok(None);
     }
     let channels = layout.channels(path, colour)?;
-    let room = usize::try_from(options.max_pixels.saturating_mul(32).saturating_add(1 << 24)).unwrap_or(usize::MAX);
     let mut limits = Limits::default();
     (limits.decoding_buffer_size, limits.intermediate_buffer_size) = (room, room);
     reader = reader.with_limits(limits);
@@ -131,17 +137,19 @@ impl Layout {
 
     /// Returns the number of channels to read: one or three of colour, and alpha.
     fn channels(&self, path: &Path, colour: ColorType) -> Result<usize, Error> {
+        let unsuitable = |channels: u16| {
+            let problem = format!("has {channels} channels that are neither grey nor RGB of 8 or more bits");
+            Error::unsupported(path, problem, "write a grey or RGB image")
+        };
         match colour {
             ColorType::Gray(8 | 16 | 32 | 64) => Ok(1),
             ColorType::RGB(_) => Ok(3),
             ColorType::RGBA(_) => Ok(4),
-            ColorType::Multiband { num_samples: 2, .. } if self.has_alpha => Ok(2),
-            ColorType::Multiband { num_samples: 3, .. } if !self.has_alpha => Ok(3),
-            ColorType::Multiband { num_samples: 4, .. } if self.has_alpha => Ok(4),
-            other => {
-                let problem = format!("has {} channels that are neither grey nor RGB", other.num_samples());
-                Err(Error::unsupported(path, problem, "write a grey or RGB image"))
-            }
+            ColorType::Multiband { bit_depth: 8 | 16 | 32 | 64, num_samples } => match (num_samples, self.has_alpha) {
+                (2, true) | (3, false) | (4, true) => Ok(num_samples.into()),
+                _ => Err(unsuitable(num_samples)),
+            },
+            other => Err(unsuitable(other.num_samples())),
         }
     }
 }

@@ -243,3 +243,55 @@ fn unsupported_and_damaged_files_are_rejected() {
         }
     }
 }
+
+/// Encodes a TIFF of one strip from its size, bits, photometric interpretation and ExtraSamples.
+fn strip(size: (u32, u32), bits: u16, photometric: u16, samples: u16, extra: &[u16], data: &[u8]) -> Vec<u8> {
+    let mut bytes = b"II\x2a\0\x08\0\0\0".to_vec();
+    let after = 8 + 2 + 9 * 12 + 4;
+    let extra_bytes: Vec<u8> = extra.iter().flat_map(|kind| kind.to_le_bytes()).collect();
+    let inline = extra_bytes.len() <= 4;
+    let start = after + if inline { 0 } else { extra_bytes.len() };
+    let mut inlined = [0; 4];
+    if inline {
+        inlined[..extra_bytes.len()].copy_from_slice(&extra_bytes);
+    } else {
+        inlined = (after as u32).to_le_bytes();
+    }
+    let entries: [(u16, u16, u32, [u8; 4]); 9] = [
+        (256, 4, 1, size.0.to_le_bytes()),
+        (257, 4, 1, size.1.to_le_bytes()),
+        (258, 3, 1, u32::from(bits).to_le_bytes()),
+        (259, 3, 1, 1_u32.to_le_bytes()),
+        (262, 3, 1, u32::from(photometric).to_le_bytes()),
+        (273, 4, 1, (start as u32).to_le_bytes()),
+        (277, 3, 1, u32::from(samples).to_le_bytes()),
+        (279, 4, 1, (data.len() as u32).to_le_bytes()),
+        (338, 3, extra.len() as u32, inlined),
+    ];
+    bytes.extend(9_u16.to_le_bytes());
+    for (tag, kind, count, value) in entries {
+        bytes.extend(tag.to_le_bytes());
+        bytes.extend(kind.to_le_bytes());
+        bytes.extend(count.to_le_bytes());
+        bytes.extend(value);
+    }
+    bytes.extend([0; 4]);
+    if !inline {
+        bytes.extend(&extra_bytes);
+    }
+    bytes.extend(data);
+    bytes
+}
+
+#[test]
+fn rejects_too_many_channels_and_fewer_than_eight_bits() {
+    let read = |bytes: &[u8]| decode("a.tif".as_ref(), bytes, &ReadOptions::default()).unwrap_err().to_string();
+    // A row of all channels has 137 GB.
+    let wide = strip((1 << 21, 1), 8, 2, u16::MAX, &[0; 65_532], &[0; 64]);
+    let error = read(&wide);
+    assert!(error.contains("65535 channels of 2097152 columns"), "{error}");
+    // Grey and alpha of four bits share a byte.
+    let packed = strip((8, 8), 4, 1, 2, &[2], &[0x5a; 64]);
+    let error = read(&packed);
+    assert!(error.contains("8 or more bits"), "{error}");
+}

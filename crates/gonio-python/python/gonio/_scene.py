@@ -68,7 +68,8 @@ def given_scene(image: Photograph, options: Mapping[str, Any], warnings: list[st
     reading = given_reading(said)
     shots = photograph(image, name, reading["linear"], warnings)
     if isinstance(shots, tuple) or not isinstance(shots, (str, bytes, list)):
-        given = [key for key in READING if key not in ("linear", "colorspace") and reading[key] != READING[key]]
+        values: dict[str, object] = {**reading}
+        given = [key for key in READING if key not in ("linear", "colorspace") and values[key] != READING[key]]
         if given:
             raise GonioError(f"{given[0]} applies only to files, but {name} is an array")
     clip = None if said["clip"] is None else positive(said["clip"], "clip", "radiance")

@@ -13,7 +13,7 @@ use rayon::prelude::*;
 use super::Exposure;
 use crate::picture::Plane;
 
-/// Longer side of the coarsest level, in pixels.
+/// Half of the longer side, in pixels, above which a level is halved.
 const COARSEST_SIDE: usize = 40;
 /// Largest shift at the coarsest level, as a share of the longer side.
 const COARSE_REACH: f64 = 0.12;

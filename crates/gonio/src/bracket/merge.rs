@@ -70,12 +70,13 @@ pub struct MergeReport {
     /// Number of pixels whose radiance comes mostly from each exposure.
     pub from: Vec<usize>,
     /// Relative excess of each exposure's brightness over that expected from its time, relative to
-    /// the next shorter exposure.
+    /// the next shorter exposure that is used; zero for exposures that were left out.
     pub time_errors: Vec<f64>,
     /// Correction of each exposure; `None` for exposures that were left out because they are
     /// inconsistent with the others.
     pub corrections: Vec<Option<ExposureCorrection>>,
-    /// Median relative disagreement of each exposure with the merged values.
+    /// Median relative disagreement of each exposure with the merged values; zero for exposures
+    /// that were left out.
     pub residuals: Vec<f64>,
     /// Median relative disagreement of the exposures of a channel with its merged value.
     pub residual: f64,

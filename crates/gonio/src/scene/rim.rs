@@ -138,7 +138,10 @@ impl Pixels<'_> {
         (0..RAYS).filter_map(edge).collect()
     }
 
-    /// Moves a circle by at most `reach` pixels to the outermost edge of most rays.
+    /// Moves a circle to the outermost edge that most rays share.
+    ///
+    /// A first search covers `reach` pixels in each coordinate and the radius. A second search,
+    /// around its result, covers 1.5 pixels. Finer grids may extend each search by a pixel.
     ///
     /// Each ray votes for the radii with a large share of its changes. Votes outside of the circle
     /// count against it, since the edges of a background do not follow the rim.

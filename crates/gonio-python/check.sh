@@ -24,22 +24,24 @@ python3 -m venv "$wheels/new"
 # The path contains no compiler.
 env -i PATH="$wheels/new/bin" "$wheels/new/bin/python" tests/installed.py
 
-step "tests"
 "$tools/bin/pip" install --quiet --disable-pip-version-check --force-reinstall --no-deps "$wheels"/gonio-*.whl
-"$tools/bin/python" -m pytest -q --durations=5 -p no:cacheprovider tests
 
-# Runs the examples of the docstrings.
-step "examples of the documentation"
-(cd tests && PYTHONPATH=. "$tools/bin/python" -m pytest -q --durations=5 -p no:cacheprovider -p conftest --doctest-modules --pyargs gonio)
+# Python code runs on one core, so the rest runs beside the tests.
+step "tests, beside examples of the documentation, types and tutorial"
+beside() {
+    set -e
+    # Runs the examples of the docstrings.
+    step "examples of the documentation"
+    (cd tests && PYTHONPATH=. "$tools/bin/python" -m pytest -q --durations=5 -p no:cacheprovider -p conftest --doctest-modules --pyargs gonio)
 
-step "types"
-"$tools/bin/python" -m mypy --cache-dir "$wheels/mypy" python/gonio
-(cd tests && "$tools/bin/python" -m mypy --strict --cache-dir "$wheels/mypy-use" typed.py)
-echo 'gonio._gonio.__all__' > "$wheels/allowed"
-(cd "$wheels" && "$tools/bin/python" -m mypy.stubtest gonio._gonio --allowlist allowed)
+    step "types"
+    "$tools/bin/python" -m mypy --cache-dir "$wheels/mypy" python/gonio
+    (cd tests && "$tools/bin/python" -m mypy --strict --cache-dir "$wheels/mypy-use" typed.py)
+    echo 'gonio._gonio.__all__' > "$wheels/allowed"
+    (cd "$wheels" && "$tools/bin/python" -m mypy.stubtest gonio._gonio --allowlist allowed)
 
-step "tutorial"
-"$tools/bin/python" - ../../docs/tutorial.ipynb <<'PYTHON'
+    step "tutorial"
+    "$tools/bin/python" - ../../docs/tutorial.ipynb <<'PYTHON'
 import pathlib, sys, tempfile
 import nbclient, nbformat
 
@@ -48,4 +50,13 @@ notebook = nbformat.read(path, as_version=4)
 assert all(cell.outputs or cell.metadata.get("tags") == ["quiet"] for cell in notebook.cells if cell.cell_type == "code"), "a cell has no output"
 nbclient.NotebookClient(notebook, timeout=600, kernel_name="python3", resources={"metadata": {"path": path.parent}}).execute()
 PYTHON
+    step "end of the tutorial"
+}
+(beside) >"$wheels/beside.log" 2>&1 &
+other=$!
+failed=0
+"$tools/bin/python" -m pytest -q --durations=20 -p no:cacheprovider tests || failed=1
+wait $other || failed=1
+cat "$wheels/beside.log"
 step "done"
+exit $failed

@@ -133,8 +133,8 @@ fn draw(
     let [low, median, high] = material.gloss;
     let combined = [
         ("combined", &material.table),
-        ("dull end of the interval (5 %)", &material.ends[0]),
-        ("glossy end of the interval (95 %)", &material.ends[1]),
+        ("dull end of the interval (5 %)", &material.ends.tables[0]),
+        ("glossy end of the interval (95 %)", &material.ends.tables[1]),
     ]
     .map(|(label, table)| Shown { label: label.to_owned(), tables: coloured(table) });
     let singles: Vec<Shown> = given

@@ -15,6 +15,7 @@ mod basis;
 mod check;
 pub mod combine;
 pub mod compare;
+pub mod draws;
 pub mod export;
 pub mod folder;
 mod mask;

@@ -50,9 +50,12 @@ pub(crate) struct Effort {
     /// Materials in each group of scenes
     #[arg(long, default_value_t = StockSettings::default().draws, value_parser = some())]
     draws: usize,
-    /// Steps of the training, each on 128 photographs
+    /// Steps of the training
     #[arg(long, default_value_t = TrainingSettings::default().steps, value_parser = some())]
     steps: usize,
+    /// Photographs in each step of the training
+    #[arg(long, default_value_t = TrainingSettings::default().batch, value_parser = some())]
+    batch: usize,
     /// Materials drawn for the dictionary
     #[arg(long, default_value_t = DictionarySettings::default().draws, value_parser = some())]
     entries: usize,
@@ -85,6 +88,7 @@ impl Effort {
             },
             training: TrainingSettings {
                 steps: self.steps,
+                batch: self.batch,
                 candidates: self.candidates,
                 ..TrainingSettings::default()
             },

@@ -230,7 +230,7 @@ pub(crate) fn of_material<'py>(
 ) -> PyResult<Bound<'py, PyDict>> {
     let shape = (THETA_H, THETA_D);
     let out = of_table(py, material.table.scaled(scale), field)?;
-    let ends = material.ends.each_ref().map(|end| arrays::of_tables(py, &field.tables(&end.scaled(scale))));
+    let ends = material.ends.tables.each_ref().map(|end| arrays::of_tables(py, &field.tables(&end.scaled(scale))));
     out.set_item("ends", ends)?;
     let quantiles: Vec<f32> = material.quantiles.iter().flatten().map(|v| v * scale as f32).collect();
     out.set_item("quantiles", arrays::array(py, (material.quantiles.len(), THETA_H, THETA_D), quantiles))?;

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use gonio::estimate::draws;
+use gonio::estimate::{draws, predictive_draws};
 use gonio::reflectance::{THETA_D, THETA_H};
 use gonio_app::combine::{self, CombinedAnswer};
 use gonio_app::{Problem, ProgressLog};
@@ -36,7 +36,8 @@ impl Likelihood {
     }
 }
 
-/// Draws tables from a posterior: shape (count, 90, 90).
+/// Draws tables from a posterior, or with `errors` from its predictive distribution: shape (count,
+/// 90, 90).
 #[pyfunction]
 pub(crate) fn draw<'py>(
     py: Python<'py>,
@@ -44,11 +45,13 @@ pub(crate) fn draw<'py>(
     likelihood: &Bound<'py, Likelihood>,
     count: usize,
     seed: u64,
+    errors: bool,
 ) -> PyResult<Bound<'py, PyArray3<f32>>> {
     let (model, likelihood) = (model.get().model.clone(), likelihood.get().0.likelihood.clone());
     let listeners = Listeners::none();
     let tables = work::run(py, listeners, move |_| {
-        let tables = draws(&model, &likelihood, count, seed).map_err(|e| Problem::new(e.to_string()))?;
+        let draw = if errors { predictive_draws } else { draws };
+        let tables = draw(&model, &likelihood, count, seed).map_err(|e| Problem::new(e.to_string()))?;
         Ok(tables.into_iter().flat_map(Vec::<f32>::from).collect::<Vec<f32>>())
     })?;
     Ok(arrays::array(py, (count, THETA_H, THETA_D), tables))

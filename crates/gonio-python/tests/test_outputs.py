@@ -122,3 +122,29 @@ def test_gloss_of_a_brdf_agrees_with_its_posterior(found):
     assert chalk.alpha == 1 and chalk.gloss == pytest.approx(1)
     grey = brdf.grey().table
     assert np.array_equal(grey[..., 0], grey[..., 1]) and np.allclose(grey[..., 0], brdf.luminance)
+
+
+def test_draws_show_the_uncertainty_of_a_rendering(found):
+    pictures = found.relight(size=24, draws=40, seed=2)
+    assert pictures.shape == (40, 24, 24, 4) and np.array_equal(found.relight(size=24, draws=40, seed=2), pictures)
+    inside = pictures[0, ..., 3] > 0.99
+    low, middle, high = np.quantile(pictures[:, inside, :3], [0.05, 0.5, 0.95], axis=0)
+    estimate = found.relight(size=24)[inside, :3]
+    assert np.linalg.norm(middle - estimate) < 0.3 * np.linalg.norm(estimate)
+    assert np.mean((low <= estimate) & (estimate <= high)) > 0.8 and np.median(high / low) > 1.05
+    with pytest.raises(gonio.GonioError, match="draws"):
+        found.relight(size=24, draws=-1)
+
+
+def test_draws_with_errors_have_the_quantiles_of_the_result(found):
+    draws, plain = found.draw(400, errors=True), found.draw(400)
+    trusted = np.s_[:60, :60]
+    wanted = np.log(found.quantiles[3] / found.quantiles[0])[trusted]
+
+    def width(tables):
+        # The intervals are relative to the mean logarithm of each table.
+        logs = np.log(tables) - np.log(tables[:, :80, :80]).mean(axis=(1, 2), keepdims=True)
+        low, high = np.quantile(logs, [0.05, 0.95], axis=0)
+        return np.median((high - low)[trusted] / wanted)
+
+    assert 0.8 < width(draws) < 1.2 and width(plain) < width(draws)

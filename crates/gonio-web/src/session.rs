@@ -142,7 +142,7 @@ impl Session {
         let material = Material::of(&self.model, &detection.observations, side).map_err(|e| self.blamed(&e))?;
         let colouring = Colouring::of(&self.model, &detection.observations, &material.table, &ColouringRule::default());
         let field = colouring.field();
-        let [dull, glossy] = &material.ends;
+        let [dull, glossy] = &material.ends.tables;
         let views = [("estimate", &material.table), ("dull end (5 %)", dull), ("glossy end (95 %)", glossy)]
             .map(|(name, table)| sphere::material(name, &field.tables(table)));
         let neighbours: Vec<Value> =

@@ -15,6 +15,8 @@ fn errors_cover_the_left_out_materials_and_kinds() {
         "8",
         "--steps",
         "4",
+        "--batch",
+        "16",
         "--entries",
         "60",
         "--dimensions",

@@ -9,8 +9,8 @@ use std::sync::LazyLock;
 
 use ::exr::meta::attribute::{AttributeValue, Chromaticities, Text};
 use ::exr::prelude::{
-    Blocks, Compression, Encoding, Image, ImageAttributes, IntegerBounds, Layer, LayerAttributes, LineOrder,
-    SpecificChannels, Vec2, WritableImage,
+    AnyChannel, AnyChannels, Blocks, Compression, Encoding, FlatSamples, Image, ImageAttributes, IntegerBounds, Layer,
+    LayerAttributes, LineOrder, SpecificChannels, Vec2, WritableImage,
 };
 use glam::Vec3;
 use gonio::picture::{Plane, srgb_encode};
@@ -111,6 +111,38 @@ pub fn encode_exr_with(rgb: &Plane<Vec3>, options: &ExrOptions<'_>) -> Vec<u8> {
         }
     };
     written.expect("writing to memory cannot fail");
+    bytes.into_inner()
+}
+
+/// Encodes OpenEXR with further pictures as layers: the channels `NAME.R`, `NAME.G` and `NAME.B`.
+///
+/// `rgb`, `alpha` and the layers are in linear Rec. 709. Readers that do not know layers read `rgb`.
+///
+/// # Panics
+/// If the picture has no pixels, or alpha or a layer has another size.
+pub fn encode_exr_layers(rgb: &Plane<Vec3>, alpha: Option<&Plane<f32>>, layers: &[(&str, &Plane<Vec3>)]) -> Vec<u8> {
+    let (width, height) = rgb.size();
+    assert!(width > 0 && height > 0, "the picture must have pixels");
+    let mut channels: Vec<AnyChannel<FlatSamples>> = Vec::new();
+    for (prefix, plane) in [("".to_owned(), rgb)].into_iter().chain(layers.iter().map(|(n, p)| (format!("{n}."), *p))) {
+        assert_eq!(plane.size(), rgb.size(), "layers must have the size of the picture");
+        for (c, name) in ["R", "G", "B"].into_iter().enumerate() {
+            let values = plane.as_slice().iter().map(|v| v[c]).collect();
+            channels.push(AnyChannel::new(format!("{prefix}{name}").as_str(), FlatSamples::F32(values)));
+        }
+    }
+    if let Some(alpha) = alpha {
+        assert_eq!(alpha.size(), rgb.size(), "alpha must have the size of the picture");
+        channels.push(AnyChannel::new("A", FlatSamples::F32(alpha.as_slice().to_vec())));
+    }
+    let mut of_image = ImageAttributes::new(IntegerBounds::from_dimensions((width, height)));
+    of_image.chromaticities = Some(chromaticities(ColourSpace::Rec709));
+    let encoding =
+        Encoding { compression: Compression::ZIP16, blocks: Blocks::ScanLines, line_order: LineOrder::Increasing };
+    let channels = AnyChannels::sort(channels.into_iter().collect());
+    let layer = Layer::new((width, height), LayerAttributes::default(), encoding, channels);
+    let mut bytes = Cursor::new(Vec::new());
+    Image::new(of_image, layer).write().to_buffered(&mut bytes).expect("writing to memory cannot fail");
     bytes.into_inner()
 }
 
@@ -340,5 +372,18 @@ mod tests {
             assert_eq!(srgb8(value), (srgb_encode(value) * 255.0).round() as u8, "{value}");
         }
         assert_eq!([-1.0, f32::NAN, f32::INFINITY, 1.0].map(srgb8), [0, 0, 255, 255]);
+    }
+
+    #[test]
+    fn layers_are_read_by_their_names() {
+        let plane = |v: f32| Plane::from_fn(3, 2, |x, y| Vec3::new(v, v + x as f32, v + y as f32));
+        let (rgb, low, alpha) = (plane(1.0), plane(2.0), Plane::from_fn(3, 2, |x, _| x as f32 / 2.0));
+        let bytes = encode_exr_layers(&rgb, Some(&alpha), &[("low", &low)]);
+        let read = |layer: Option<&str>| {
+            let options = ReadOptions { layer: layer.map(str::to_owned), ..ReadOptions::default() };
+            decode(Path::new("t"), &bytes, &options).unwrap().picture
+        };
+        assert_eq!((read(None).rgb, read(None).alpha), (rgb, Some(alpha)));
+        assert_eq!((read(Some("low")).rgb, read(Some("low")).alpha), (low, None));
     }
 }

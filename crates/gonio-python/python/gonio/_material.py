@@ -199,7 +199,7 @@ class Material(Result):
 
     @property
     def ends(self) -> tuple[Brdf, Brdf]:
-        """Dull and glossy ends of the 90 % interval: 5 and 95 % quantiles of the posterior by gloss."""
+        """Dull and glossy end of the 90 % interval along the direction that changes a rendered sphere most."""
         return self._ends
 
     @property
@@ -265,10 +265,11 @@ class Material(Result):
             self._rgb_samples = self._coloured(self.samples)
         return self._rgb_samples
 
-    def draw(self, count: int, seed: int = 0, *, rgb: bool = False) -> Floats:
+    def draw(self, count: int, seed: int = 0, *, rgb: bool = False, errors: bool = False) -> Floats:
         """Draw from the posterior over the model's space of materials.
 
-        :attr:`quantiles` are wider, because they include the error of this space.
+        :attr:`quantiles` are wider, because they include the error of this space. Draws with
+        ``errors`` include it, too.
 
         Parameters
         ----------
@@ -279,6 +280,9 @@ class Material(Result):
         rgb : bool, default False
             Return draws in the estimated colours instead of luminance. All draws have the same
             colours; only their luminance varies.
+        errors : bool, default False
+            Multiply each draw by a smooth random factor, so that the quantiles of the draws are
+            :attr:`quantiles`. Use these draws for the interval of whatever is computed from a BRDF.
 
         Returns
         -------
@@ -291,10 +295,53 @@ class Material(Result):
         (5, 90, 90)
         >>> picture = gonio.render(found.draw(1, rgb=True)[0], size=32)
         """
-        drawn = _gonio.draw(self.model, self._found["likelihood"], whole(count, "count"), whole(seed, "seed"))
+        number, start = whole(count, "count"), whole(seed, "seed")
+        drawn = _gonio.draw(self.model, self._found["likelihood"], number, start, flag(errors, "errors"))
         scale = self._scale()
         drawn = drawn if scale == 1.0 else drawn * np.float32(scale)
         return self._coloured(drawn) if flag(rgb, "rgb") else drawn
+
+    def relight(
+        self,
+        light: Picture | None = None,
+        shape: Shape = "sphere",
+        size: int | tuple[int, int] = 256,
+        *,
+        draws: int | None = None,
+        seed: int = 0,
+        **options: Any,
+    ) -> Floats:
+        """Render the material on a shape under a light, or draws from its posterior.
+
+        Parameters
+        ----------
+        light, shape, size
+            See :func:`gonio.render`.
+        draws : int, optional
+            Render this many draws instead of the estimate: those of :meth:`draw` with ``rgb`` and
+            ``errors``. Their quantiles are the uncertainty of each pixel.
+        seed : int, default 0
+            Seed of the draws.
+        **options
+            Other arguments of :func:`gonio.render`.
+
+        Returns
+        -------
+        ndarray of float32
+            Radiance and coverage, shape (height, width, 4), or (draws, height, width, 4).
+
+        Examples
+        --------
+        >>> pictures = found.relight(size=32, draws=20)
+        >>> low, high = np.quantile(pictures[..., :3], [0.05, 0.95], axis=0)
+        >>> bool((low <= high).all())
+        True
+        """
+        if draws is None:
+            return super().relight(light, shape, size, **options)
+        tables = self.draw(whole(draws, "draws"), seed, rgb=True, errors=True)
+        pictures = [Brdf(table, name=f"draw {at}").render(light, shape=shape, size=size, **options) for at, table in enumerate(tables)]
+        return np.stack(pictures)
 
     @property
     def rgb_quantiles(self) -> Floats | None:

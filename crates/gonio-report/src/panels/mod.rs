@@ -105,7 +105,7 @@ impl Panels {
         let exposure = Exposure::own(&input.rgb, |i| is_covered(&input, i));
         let model = reproduction(subject, &view, &input);
         progress(0.3);
-        let ends = subject.material.iter().flat_map(|material| &material.ends);
+        let ends = subject.material.iter().flat_map(|material| &material.ends.tables);
         let shown: Vec<[BivariateTable; 3]> =
             std::iter::once(subject.table).chain(ends).map(|table| subject.coloured(table)).collect();
         let mut spheres = Vec::new();

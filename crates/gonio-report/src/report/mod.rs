@@ -238,8 +238,10 @@ impl Report<'_> {
             .collect();
         html! {
             (figure::figure(&figure::tiles(&tiles), &html! {
-                "Estimate and both ends of the 90 % interval of the gloss, in a studio light. If the two ends look \
-                 different, the photograph does not determine the material."
+                "Estimate and both ends of the 90 % interval, in a studio light. The ends lie along the direction of the \
+                 posterior that changes this picture most. "
+                (format!("They differ most in the {}, by a factor of {:.1}. ", material.ends.region.name(), material.ends.factor))
+                "If they look different, the photograph does not determine the material."
             }))
             (figure::grid(22, &[
                 figure::figure(&svg(&[&width(material)], false, "Map of the width of the 90 % interval over half and difference angle"),

@@ -1,7 +1,7 @@
 //! Material of the object.
 
 use super::colouring::DiskImages;
-use super::{Colouring, ColouringRule, Diagnostic, EstimateError, Highlight};
+use super::{Colouring, ColouringRule, Diagnostic, Ends, EstimateError, Highlight};
 use crate::appearance::{DiskImage, fineness};
 use crate::colour::ChromaField;
 use crate::inference::learnt::{
@@ -24,6 +24,9 @@ pub const SHARES: [f64; 4] = [0.05, 0.25, 0.75, 0.95];
 /// Largest number of [`Material::neighbours`], and the smallest weight of each.
 const NAMED: (usize, f64) = (10, 0.005);
 
+/// Number of draws from which the ends are computed.
+const DRAWS: usize = 128;
+
 /// A material with its uncertainty, in luminance.
 #[derive(Clone, Debug)]
 pub struct Material {
@@ -41,9 +44,8 @@ pub struct Material {
     /// Measured materials of the largest weights, in descending order, at most ten. The weights of
     /// all measured materials sum to one.
     pub neighbours: Vec<Neighbour>,
-    /// Dull and glossy ends of the posterior: the draws at the 5 and 95 % quantiles of the gloss,
-    /// with albedo [`ALBEDO`].
-    pub ends: [BivariateTable; 2],
+    /// Dull and glossy end of the interval.
+    pub ends: Ends,
     /// 5, 50 and 95 % quantiles of the gloss, [`peak_over_base`].
     pub gloss: [f64; 3],
     /// The same quantiles of other measures: width of a GGX lobe, gloss units.
@@ -133,6 +135,25 @@ pub fn draws(
     Ok(tables.into_iter().map(|table| table.scaled(ALBEDO)).collect())
 }
 
+/// Returns draws from the posterior predictive distribution, each with albedo [`ALBEDO`].
+///
+/// They include the error of the material coordinates, so their quantiles are
+/// [`Material::quantiles`]. Use them for intervals of whatever is computed from a BRDF, such as a
+/// rendering. The same `seed` gives the same draws.
+///
+/// # Errors
+/// [`EstimateError::NotLearnt`] if the likelihood belongs to another model.
+pub fn predictive_draws(
+    model: &Model,
+    likelihood: &Likelihood,
+    count: usize,
+    seed: u64,
+) -> Result<Vec<BivariateTable>, EstimateError> {
+    let learnt = model.learnt.as_ref().ok_or(EstimateError::NotLearnt)?;
+    let tables = learnt::predict(learnt, likelihood, count, seed).ok_or(EstimateError::NotLearnt)?;
+    Ok(tables.into_iter().map(|table| table.scaled(ALBEDO)).collect())
+}
+
 /// Posterior of the material, before the slow computation of its quantiles and gloss.
 pub(super) struct MaterialDraft<'a> {
     learnt: &'a LearntPosterior,
@@ -214,7 +235,8 @@ impl<'a> MaterialDraft<'a> {
         let (most, least) = NAMED;
         let neighbours = posterior.neighbours.iter().take(most).filter(|n| n.weight >= least).cloned().collect();
         let ranking = posterior.ranking(peak_over_base);
-        let end = |share: f64| posterior.draws[ranking.draw(share)].scaled(ALBEDO);
+        let drawn = learnt::predict(self.learnt, &posterior.likelihood, DRAWS, 1);
+        let ends = Ends::of(drawn.as_ref().unwrap_or(&posterior.draws));
         let gloss = ranking.quantiles(&[0.05, 0.5, 0.95]);
         Material {
             table,
@@ -223,7 +245,7 @@ impl<'a> MaterialDraft<'a> {
             undetermined,
             open,
             neighbours,
-            ends: [end(0.05), end(0.95)],
+            ends,
             gloss: [gloss[0], gloss[1], gloss[2]],
             highlight: Highlight::of(&posterior),
             strangeness: self.strangeness,

@@ -57,7 +57,7 @@ fn estimates_material_and_light_of_a_ball() {
     assert_eq!(*stages.lock().unwrap(), [Stage::Material, Stage::Transfer, Stage::Light, Stage::Colours]);
 
     let material = &found.material;
-    for table in material.ends.iter().chain([&material.table]) {
+    for table in material.ends.tables.iter().chain([&material.table]) {
         assert!((table.normal_albedo() - ALBEDO).abs() < 1e-6);
     }
     let ordered = |c: usize| material.quantiles.windows(2).all(|pair| pair[0][c] < pair[1][c]);

@@ -11,6 +11,7 @@ mod table;
 mod train;
 
 pub use basis::{BasisError, ReflectanceBasis, TrainingMaterial};
+pub(crate) use dictionary::unit_field;
 pub use dictionary::{Coordinates, Dictionary, DictionarySettings, DrawnMaterial, Kind, MaterialField, Mixture, Prior};
 pub use distance::{brdf_error, brdf_scale, diffuse_level, log_distance, log_fit};
 pub use log_basis::LogBasis;

@@ -20,6 +20,7 @@ mod encoder;
 mod encoder_shape;
 mod numbers;
 mod posterior;
+mod predictive;
 mod sphere_equivalent;
 mod spread;
 #[cfg(test)]
@@ -32,6 +33,7 @@ pub use encoder_shape::{EncoderError, EncoderShape, NamedLayer, Step};
 pub use numbers::{Ranking, peak_over_base};
 pub(crate) use posterior::sample;
 pub use posterior::{MaterialPosterior, Neighbour, interval_widths};
+pub(crate) use predictive::predict;
 pub use sphere_equivalent::{SphereEquivalent, SphereEquivalentSettings, to_sphere_equivalent};
 pub use spread::Spread;
 

@@ -22,22 +22,21 @@ pub fn peak_over_base(table: &BivariateTable) -> f64 {
     f64::from(table.cell(0, 0)) * count / f64::max(sum, 1e-300)
 }
 
-/// Draws of a posterior, sorted by a number computed from their tables.
+/// A number computed from each draw of a posterior, in ascending order.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Ranking {
-    /// Logarithm of the number and index of each draw, by ascending number.
-    draws: Vec<(f32, usize)>,
+    /// Logarithms of the numbers.
+    logs: Vec<f32>,
     /// Scale of the error of the logarithm that the draws do not show.
     error: f64,
 }
 
 impl MaterialPosterior {
-    /// Sorts the draws by a positive number computed from their tables.
+    /// Computes a positive number from the table of each draw.
     pub fn ranking(&self, number: impl Fn(&BivariateTable) -> f64 + Sync) -> Ranking {
-        let log = |(at, table): (usize, &BivariateTable)| (number(table).max(1e-300).ln() as f32, at);
-        let mut draws: Vec<(f32, usize)> = self.draws.par_iter().enumerate().map(log).collect();
-        draws.sort_by(|a, b| a.0.total_cmp(&b.0));
-        Ranking { draws, error: self.spread.of_numbers }
+        let mut logs: Vec<f32> = self.draws.par_iter().map(|table| number(table).max(1e-300).ln() as f32).collect();
+        logs.sort_by(f32::total_cmp);
+        Ranking { logs, error: self.spread.of_numbers }
     }
 }
 
@@ -46,15 +45,8 @@ impl Ranking {
     ///
     /// `shares` are in 0..1, ascending.
     pub fn quantiles(&self, shares: &[f64]) -> Vec<f64> {
-        let values: Vec<f32> = self.draws.iter().map(|d| d.0).collect();
-        let end = |share: &f64| spread_quantile(&values, *share, (self.error * student_quantile(*share)) as f32);
+        let end = |share: &f64| spread_quantile(&self.logs, *share, (self.error * student_quantile(*share)) as f32);
         shares.iter().map(|share| f64::from(end(share)).exp()).collect()
-    }
-
-    /// Returns the draw at a quantile, as its index in [`MaterialPosterior::draws`].
-    pub fn draw(&self, share: f64) -> usize {
-        let at = (share * self.draws.len() as f64) as usize;
-        self.draws[at.min(self.draws.len() - 1)].1
     }
 }
 
@@ -69,9 +61,8 @@ mod tests {
     }
 
     #[test]
-    fn draws_and_quantiles_follow_the_ranking() {
-        let ranking = Ranking { draws: (0..101).map(|i| (0.01 * i as f32, 200 - i)).collect(), error: 0.2 };
-        assert_eq!([0.0, 0.5, 1.0].map(|share| ranking.draw(share)), [200, 150, 100]);
+    fn quantiles_include_the_error() {
+        let ranking = Ranking { logs: (0..101).map(|i| 0.01 * i as f32).collect(), error: 0.2 };
         let quantiles = ranking.quantiles(&[0.05, 0.5, 0.95]);
         assert!((quantiles[1] - 0.5_f64.exp()).abs() < 0.01, "{quantiles:?}");
         assert!(quantiles[0] < 1.0 && quantiles[2] > 2.8, "{quantiles:?}");

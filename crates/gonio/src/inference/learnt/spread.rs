@@ -7,6 +7,9 @@ use crate::reflectance::{CELLS, angles_of};
 /// Half angles, in degrees, at which spreads are given: linear between them, constant beyond.
 const NODES: [f64; 6] = [2.0, 7.0, 15.0, 27.5, 45.0, 65.0];
 
+/// Degrees of freedom of Student's distribution of the errors.
+pub(super) const DEGREES_OF_FREEDOM: f64 = 3.0;
+
 /// Scale of the error of the logarithm of reflectance that the draws of a posterior do not show.
 ///
 /// The error has two causes: the coordinates of materials cannot express every material, and new

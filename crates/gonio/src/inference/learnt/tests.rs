@@ -153,3 +153,25 @@ fn strangeness_is_the_share_of_features_out_of_range() {
     learnt.ranges[0] = (5.0, 6.0);
     assert_eq!(learnt.read(&any_image()).strangeness, 0.5);
 }
+
+/// Quantiles of predictive draws are the intervals, up to the approximation of their sum.
+#[test]
+fn predictive_draws_are_as_wide_as_the_intervals() {
+    let learnt = around(&WORLD.places[2], 0.3);
+    let posterior = learnt.posterior(&any_image());
+    let intervals = posterior.quantiles(&[0.05, 0.95]);
+    let draws = predict(&learnt, &posterior.likelihood, 1000, 3).unwrap();
+    assert_eq!(draws[..3], predict(&learnt, &posterior.likelihood, 3, 3).unwrap());
+    let widths = interval_widths(&draws);
+    let plain = interval_widths(&sample(&learnt, &posterior.likelihood, 1000, 3).unwrap());
+    let ratios = |widths: &[f32]| {
+        let ratio = |c: usize| widths[c] / (intervals[1][c] / intervals[0][c]).ln();
+        let mut ratios: Vec<f32> = trusted_cells().map(ratio).collect();
+        ratios.sort_by(f32::total_cmp);
+        [0.05, 0.5, 0.95].map(|share| ratios[(share * ratios.len() as f64) as usize])
+    };
+    let [low, median, high] = ratios(&widths);
+    assert!(low > 0.75 && (0.85..1.1).contains(&median) && high < 1.25, "{low} {median} {high}");
+    assert!(ratios(&plain)[1] < 0.8 * median, "{:?}", ratios(&plain));
+    assert!(draws.iter().all(|draw| (draw.normal_albedo() - 1.0).abs() < 1e-3));
+}

@@ -65,10 +65,26 @@ impl MaterialField {
         for (part, (rows, columns)) in SHAPE.parts.iter().zip(KNOTS) {
             let coefficients;
             (coefficients, rest) = rest.split_at(rows * columns);
-            part.add(coefficients, columns, &mut logs);
+            part.add(coefficients, columns, &part.deviations, &mut logs);
         }
         logs
     }
+}
+
+/// Standard deviations of the coarse and the fine part of [`unit_field`]; the sum of their squares
+/// is one.
+const UNIT_PARTS: [f32; 2] = [0.8, 0.6];
+
+/// Draws a smooth random field of variance one in every cell.
+///
+/// It is correlated over as many rows and columns as a [`MaterialField`].
+pub(crate) fn unit_field(rng: &mut Pcg64) -> Vec<f32> {
+    let mut field = vec![0.0; CELLS];
+    for ((part, (rows, columns)), deviation) in SHAPE.parts.iter().zip(KNOTS).zip(UNIT_PARTS) {
+        let coefficients: Vec<f32> = (0..rows * columns).map(|_| StandardNormal.sample(rng)).collect();
+        part.add(&coefficients, columns, &[deviation; CELLS], &mut field);
+    }
+    field
 }
 
 /// Quantities that all fields share.
@@ -108,14 +124,15 @@ impl Part {
         }
     }
 
-    fn add(&self, coefficients: &[f32], width: usize, logs: &mut [f32]) {
+    /// Adds the sum of splines times the deviation of each cell.
+    fn add(&self, coefficients: &[f32], width: usize, deviations: &[f32], logs: &mut [f32]) {
         for ((row, (first, weights)), logs) in self.rows.iter().enumerate().zip(logs.chunks_exact_mut(THETA_D)) {
             let mut along = vec![0.0; width];
             for (k, weight) in weights.iter().enumerate() {
                 let knots = &coefficients[(first + k) * width..][..width];
                 along.iter_mut().zip(knots).for_each(|(sum, c)| *sum += weight * c);
             }
-            let deviations = &self.deviations[row * THETA_D..];
+            let deviations = &deviations[row * THETA_D..];
             for ((log, (first, weights)), deviation) in logs.iter_mut().zip(&self.columns).zip(deviations) {
                 let sum: f32 = weights.iter().zip(&along[*first..]).map(|(w, c)| w * c).sum();
                 *log += deviation * sum;
@@ -182,5 +199,17 @@ mod tests {
         let correlation = |a, b| product(a, b) / (product(a, a) * product(b, b)).sqrt();
         assert!(correlation(here, next) > 0.97, "{}", correlation(here, next));
         assert!(correlation(here, far).abs() < 0.12, "{}", correlation(here, far));
+    }
+
+    #[test]
+    fn unit_fields_have_variance_one_and_are_smooth() {
+        let mut rng = Pcg64::seed_from_u64(3);
+        let fields: Vec<Vec<f32>> = (0..400).map(|_| unit_field(&mut rng)).collect();
+        for cell in [0, 44, 30 * THETA_D + 10, 89 * THETA_D + 89] {
+            let variance = fields.iter().map(|f| f64::from(f[cell]).powi(2)).sum::<f64>() / 400.0;
+            assert!((0.75..1.25).contains(&variance), "{cell}: {variance}");
+        }
+        let steps = fields.iter().flat_map(|f| f.windows(2).take(THETA_D - 1).map(|w| (w[1] - w[0]).abs()));
+        assert!(steps.fold(0.0, f32::max) < 0.9);
     }
 }

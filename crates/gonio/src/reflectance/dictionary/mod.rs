@@ -23,6 +23,7 @@ use super::table::{BivariateTable, CELLS, trusted_cells};
 use crate::linalg::principal_axes;
 use components::Layout;
 pub use field::MaterialField;
+pub(crate) use field::unit_field;
 pub use prior::{Kind, Prior};
 
 /// Floor of the logarithm in [`Coordinates`], relative to the median of a table.

@@ -1,0 +1,57 @@
+//! Draws from the posterior of a folder of results.
+
+use std::path::Path;
+
+use gonio::estimate::{ALBEDO, predictive_draws};
+use gonio::inference::learnt::peak_over_base;
+use gonio::model::Model;
+use gonio::reflectance::BivariateTable;
+use gonio_io::posterior::{FILE, SavedPosterior};
+
+use crate::results::brdf_in;
+use crate::{Problem, read_brdf};
+
+/// Returns posterior predictive draws of the BRDF in a folder of results, in 1/sr and linear Rec.
+/// 709, from dull to glossy.
+///
+/// The draws have the albedo of the estimate and its chroma in every cell; their luminance varies.
+/// `model` is the model of the inference, with its name in messages. The same `seed` gives the same
+/// draws.
+///
+/// # Errors
+/// If the folder has no BRDF or no posterior, a file is damaged, or the posterior belongs to another
+/// model.
+pub fn of_result(
+    folder: &Path,
+    (model, model_name): (&Model, &str),
+    count: usize,
+    seed: u64,
+) -> Result<Vec<[BivariateTable; 3]>, Problem> {
+    let name = folder.display();
+    let Some(file) = brdf_in(folder).filter(|_| folder.join(FILE).is_file()) else {
+        let problem =
+            format!("does not contain a BRDF and {FILE}; specify a result folder of the learnt or known-light method");
+        return Err(Problem::of(name, problem));
+    };
+    let saved = SavedPosterior::read(folder)?;
+    let drawn = predictive_draws(model, &saved.likelihood, count, seed).map_err(|_| {
+        Problem::of(name, format!("was inferred with another model than {model_name}; specify that model with --model"))
+    })?;
+    let table = read_brdf(&file)?;
+    let estimate = [0, 1, 2].map(|c| table.bivariate(c));
+    let luminance = BivariateTable::luminance(&estimate);
+    let scale = luminance.normal_albedo() / ALBEDO;
+    // A cell without reflectance has no chroma.
+    let ratios = estimate.each_ref().map(|channel| -> Vec<f32> {
+        let cells = channel.as_slice().iter().zip(luminance.as_slice());
+        cells.map(|(value, y)| if *y > 0.0 { scale as f32 * value / y } else { scale as f32 }).collect()
+    });
+    let coloured = |(_, draw): (f64, BivariateTable)| {
+        ratios.each_ref().map(|ratios| {
+            BivariateTable::from_vec(draw.as_slice().iter().zip(ratios).map(|(value, ratio)| value * ratio).collect())
+        })
+    };
+    let mut ranked: Vec<(f64, BivariateTable)> = drawn.into_iter().map(|draw| (peak_over_base(&draw), draw)).collect();
+    ranked.sort_by(|a, b| a.0.total_cmp(&b.0));
+    Ok(ranked.into_iter().map(coloured).collect())
+}

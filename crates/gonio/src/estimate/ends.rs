@@ -1,0 +1,198 @@
+//! The two ends of a posterior along the direction that changes the look of the material most.
+
+use glam::DQuat;
+use rayon::prelude::*;
+
+use super::ALBEDO;
+use crate::appearance::Lattice;
+use crate::inference::learnt::peak_over_base;
+use crate::lighting::studio_light;
+use crate::reflectance::{BivariateTable, CELLS, angles_of};
+use crate::render::{IntegratorSettings, LightTree, Relighter};
+
+/// Rows of the light.
+const ROWS: usize = 32;
+
+/// Step between the points of the sphere that are used.
+const POINTS: usize = 2;
+
+/// Accuracy of the pictures. It need not be high, since only their differences matter.
+const ACCURACY: IntegratorSettings = IntegratorSettings { tolerance: 0.5, max_cells: 4_000 };
+
+/// Steps of the power iteration.
+const STEPS: usize = 50;
+
+/// Ends of the 90 % interval of a posterior.
+///
+/// Draws are rendered as spheres in a studio light. The first principal component of the cube roots
+/// of these pictures (their lightness, roughly) is the direction of the posterior that changes the
+/// look most. The ends are the expected logarithms of the BRDF at the 5 and 95 % quantiles of this
+/// component.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Ends {
+    /// Dull and glossy end, in 1/sr, with albedo [`ALBEDO`].
+    pub tables: [BivariateTable; 2],
+    /// Region of the BRDF in which the ends differ most.
+    pub region: Region,
+    /// Factor by which they differ there, at least one.
+    pub factor: f64,
+}
+
+/// Region of a BRDF.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Region {
+    /// Half angles below 2 degrees and difference angles below 45.
+    Peak,
+    /// Half angles of 5 to 20 degrees and difference angles below 45.
+    Haze,
+    /// Half angles of 30 to 60 degrees and difference angles below 45.
+    Body,
+    /// Half angles below 60 degrees and difference angles of 60 to 75.
+    Grazing,
+}
+
+impl Region {
+    const ALL: [Self; 4] = [Self::Peak, Self::Haze, Self::Body, Self::Grazing];
+
+    /// Returns the name of the region.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Peak => "height of the peak",
+            Self::Haze => "haze around the peak",
+            Self::Body => "body",
+            Self::Grazing => "reflection at grazing angles",
+        }
+    }
+
+    fn contains(self, cell: usize) -> bool {
+        let (h, d) = angles_of(cell);
+        let (h, d) = (h.to_degrees(), d.to_degrees());
+        match self {
+            Self::Peak => h < 2.0 && d < 45.0,
+            Self::Haze => (5.0..20.0).contains(&h) && d < 45.0,
+            Self::Body => (30.0..60.0).contains(&h) && d < 45.0,
+            Self::Grazing => h < 60.0 && (60.0..75.0).contains(&d),
+        }
+    }
+
+    /// Returns the mean difference of the logarithms of two tables.
+    fn log_ratio(self, [low, high]: &[BivariateTable; 2]) -> f64 {
+        let cells = (0..CELLS).filter(|cell| self.contains(*cell));
+        let log = |table: &BivariateTable, cell: usize| f64::from(table.as_slice()[cell].max(1e-12)).ln();
+        let (sum, count) = cells.fold((0.0, 0.0), |(sum, n), c| (sum + log(high, c) - log(low, c), n + 1.0));
+        sum / count
+    }
+}
+
+impl Ends {
+    /// Computes the ends of equally likely draws of equal albedo.
+    ///
+    /// # Panics
+    /// If there are fewer than two draws.
+    pub(super) fn of(draws: &[BivariateTable]) -> Self {
+        assert!(draws.len() > 1);
+        let count = draws.len() as f64;
+        let logs: Vec<Vec<f64>> =
+            draws.par_iter().map(|t| t.as_slice().iter().map(|v| f64::from(v.max(1e-12)).ln()).collect()).collect();
+        let mean: Vec<f64> =
+            (0..CELLS).into_par_iter().map(|c| logs.iter().map(|l| l[c]).sum::<f64>() / count).collect();
+        let middle = BivariateTable::from_vec(mean.iter().map(|log| log.exp() as f32).collect());
+        let pictures = lightness(draws, &middle);
+        let gloss = centred(draws.iter().map(|table| peak_over_base(table).ln()).collect());
+        let scores = first_component(&pictures, &gloss);
+        let mut sorted = scores.clone();
+        sorted.sort_by(f64::total_cmp);
+        let variance = scores.iter().map(|s| s * s).sum::<f64>().max(1e-300);
+        let end = |share: f64| {
+            let score = sorted[((share * count) as usize).min(sorted.len() - 1)];
+            let cell = |c: usize| {
+                let covariance: f64 = logs.iter().zip(&scores).map(|(l, s)| (l[c] - mean[c]) * s).sum();
+                (mean[c] + score * covariance / variance).exp() as f32
+            };
+            let values = (0..CELLS).into_par_iter().map(cell).collect();
+            BivariateTable::from_vec(values).with_normal_albedo(ALBEDO).0
+        };
+        let tables = [end(0.05), end(0.95)];
+        let ratios = Region::ALL.map(|region| (region, region.log_ratio(&tables).abs()));
+        let (region, log) = ratios.into_iter().max_by(|a, b| a.1.total_cmp(&b.1)).expect("there are regions");
+        Self { tables, region, factor: log.exp() }
+    }
+}
+
+/// Returns the cube roots of the radiance of a sphere of each draw, each pixel minus its mean.
+fn lightness(draws: &[BivariateTable], middle: &BivariateTable) -> Vec<Vec<f64>> {
+    let points: Vec<_> = Lattice::new().points(DQuat::IDENTITY).into_iter().step_by(POINTS).collect();
+    let light = LightTree::of_map(&studio_light(ROWS));
+    let relighter = Relighter::new(&points, std::slice::from_ref(middle), &light, &ACCURACY);
+    let mut pictures: Vec<Vec<f64>> =
+        draws.par_iter().map(|table| relighter.render(table).into_iter().map(|v| v.max(0.0).cbrt()).collect()).collect();
+    for pixel in 0..points.len() {
+        let mean = pictures.iter().map(|p| p[pixel]).sum::<f64>() / draws.len() as f64;
+        pictures.iter_mut().for_each(|p| p[pixel] -= mean);
+    }
+    pictures
+}
+
+/// Returns the scores of the first principal component of centred rows, by power iteration.
+///
+/// The iteration starts from `start`, and the scores correlate positively with it.
+fn first_component(rows: &[Vec<f64>], start: &[f64]) -> Vec<f64> {
+    let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+    let gram: Vec<Vec<f64>> = rows.par_iter().map(|a| rows.iter().map(|b| dot(a, b)).collect()).collect();
+    let unit = |v: Vec<f64>| {
+        let length = dot(&v, &v).sqrt();
+        // Draws without differences have no direction.
+        if length > 0.0 { v.into_iter().map(|x| x / length).collect() } else { v }
+    };
+    let mut scores = unit(start.to_vec());
+    for _ in 0..STEPS {
+        scores = unit(gram.iter().map(|row| dot(row, &scores)).collect());
+    }
+    let sign = if dot(&scores, start) < 0.0 { -1.0 } else { 1.0 };
+    scores.into_iter().map(|s| sign * s).collect()
+}
+
+fn centred(values: Vec<f64>) -> Vec<f64> {
+    let mean = values.iter().sum::<f64>() / values.len() as f64;
+    values.into_iter().map(|v| v - mean).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing;
+
+    /// Only the height of the peak varies between the draws.
+    #[test]
+    fn ends_follow_the_planted_direction() {
+        let normal = |i: usize| 2.0 * ((i as f64 + 0.5) / 64.0 - 0.5);
+        let lobes: Vec<BivariateTable> =
+            (0..64).map(|i| testing::lobe(0.1, 3.0 * normal(i).exp(), 0.15).with_normal_albedo(ALBEDO).0).collect();
+        let ends = Ends::of(&lobes);
+        let want = [3, 60].map(|i| peak_over_base(&lobes[i]));
+        for (end, want) in ends.tables.iter().zip(want) {
+            assert!((end.normal_albedo() - ALBEDO).abs() < 1e-4);
+            let got = peak_over_base(end);
+            assert!((got / want).ln().abs() < 0.15, "{got} {want}");
+        }
+        assert_eq!(ends.region, Region::Peak);
+        let same = Ends::of(&[lobes[0].clone(), lobes[0].clone()]);
+        assert!((same.factor - 1.0).abs() < 1e-6);
+    }
+
+    #[test]
+    fn components_match_a_planted_direction() {
+        let (u, v) = ([1.0, -2.0, 0.5], [2.0, 1.0, 0.0]);
+        let scores = centred(vec![-3.0, 1.0, 0.2, 4.0, -1.0]);
+        let noise = centred(vec![0.3, -0.2, 0.1, 0.0, -0.3]);
+        let rows: Vec<Vec<f64>> =
+            scores.iter().zip(&noise).map(|(s, n)| (0..3).map(|k| s * u[k] + n * v[k]).collect()).collect();
+        let start = centred(vec![1.0, 0.0, 0.0, -1.0, 0.5]);
+        let got = first_component(&rows, &start);
+        let length = scores.iter().map(|s| s * s).sum::<f64>().sqrt();
+        // The start is anti-correlated with the scores.
+        for (got, want) in got.iter().zip(&scores) {
+            assert!((got + want / length).abs() < 0.02, "{got} {want}");
+        }
+    }
+}

@@ -406,7 +406,7 @@ impl InferenceResult {
         let subject = self.subject();
         let tables = subject.coloured(&self.table.scaled(self.scale));
         let (panels, fits) = rayon::join(
-            || Panels::draw(&subject, &|x| progress_log.at("drawing", x)),
+            || Panels::draw(&subject, report, &|x| progress_log.at("drawing", x)),
             || fits.or_else(|| report.then(|| Fits::of(&tables, absolute))),
         );
         self.panels = Some(panels);

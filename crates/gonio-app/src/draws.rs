@@ -19,8 +19,8 @@ use crate::{Problem, read_brdf};
 /// draws.
 ///
 /// # Errors
-/// If the folder has no BRDF or no posterior, a file is damaged, or the posterior belongs to another
-/// model.
+/// If the folder has no BRDF or no posterior, a file is damaged, or the posterior belongs to
+/// another model.
 pub fn of_result(
     folder: &Path,
     (model, model_name): (&Model, &str),

@@ -122,20 +122,20 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
         );
     }
     let stage = Stage::new("rendering");
-    let render = |(at, brdf): (usize, &Box<dyn Brdf>)| {
+    let render = |(at, brdf): (usize, &dyn Brdf)| {
         let progress = |x| stage.at((at as f64 + x) / materials.len() as f64);
         match &placed {
             Some(placed) => {
                 let settings = SurfaceSettings { samples, accuracy, shadows: !options.no_shadows };
-                render_surface(&**brdf, &light, placed.surface.as_ref(), &placed.camera, &settings, &progress)
+                render_surface(brdf, &light, placed.surface.as_ref(), &placed.camera, &settings, &progress)
             }
             None => {
                 let settings = SphereSettings { size: size.0, samples, accuracy, ..SphereSettings::default() };
-                render_sphere(&**brdf, &light, &settings, &progress)
+                render_sphere(brdf, &light, &settings, &progress)
             }
         }
     };
-    let pictures: Vec<Picture> = materials.iter().enumerate().map(render).collect();
+    let pictures: Vec<Picture> = materials.iter().map(AsRef::as_ref).enumerate().map(render).collect();
     stage.finish();
     let bytes = match (png, options.draws) {
         (true, _) => gonio_io::picture::encode_png(&strip(&pictures)),

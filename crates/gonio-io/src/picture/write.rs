@@ -116,7 +116,7 @@ pub fn encode_exr_with(rgb: &Plane<Vec3>, options: &ExrOptions<'_>) -> Vec<u8> {
 
 /// Encodes OpenEXR with further pictures as layers: the channels `NAME.R`, `NAME.G` and `NAME.B`.
 ///
-/// `rgb`, `alpha` and the layers are in linear Rec. 709. Readers that do not know layers read `rgb`.
+/// `rgb` and the layers are in linear Rec. 709. Readers that do not know layers read `rgb`.
 ///
 /// # Panics
 /// If the picture has no pixels, or alpha or a layer has another size.

@@ -77,6 +77,9 @@ pub struct Panels {
     /// Spheres of the dull and the glossy end of the interval in the first of these lights, for
     /// methods that estimate the uncertainty.
     pub ends: Vec<Plane<Vec3>>,
+    /// Spheres of draws from the posterior in the first of these lights, for the report of the same
+    /// methods.
+    pub draws: Vec<Plane<Vec3>>,
 }
 
 /// Returns the first built-in light of [`own_lights`].
@@ -97,19 +100,21 @@ impl Subject<'_> {
 }
 
 impl Panels {
-    /// Draws all pictures; `progress` receives a fraction in 0..=1.
-    pub fn draw(subject: &Subject<'_>, progress: &(dyn Fn(f64) + Sync)) -> Self {
+    /// Draws all pictures, with those of draws if `with_draws`; `progress` receives a fraction in
+    /// 0..=1.
+    pub fn draw(subject: &Subject<'_>, with_draws: bool, progress: &(dyn Fn(f64) + Sync)) -> Self {
         let view = View::of(subject);
         let statuses = subject.detection.observations.statuses.as_deref();
         let input = view.cut(&repaired::repaired(subject.picture, statuses), PANEL);
         let exposure = Exposure::own(&input.rgb, |i| is_covered(&input, i));
         let model = reproduction(subject, &view, &input);
         progress(0.3);
-        let ends = subject.material.iter().flat_map(|material| &material.ends.tables);
+        let count = if with_draws { usize::MAX } else { 0 };
+        let ends = subject.material.iter().flat_map(|m| m.ends.tables.iter().chain(m.ends.examples.iter().take(count)));
         let shown: Vec<[BivariateTable; 3]> =
             std::iter::once(subject.table).chain(ends).map(|table| subject.coloured(table)).collect();
         let mut spheres = Vec::new();
-        let mut ends = Vec::new();
+        let mut ends: Vec<Plane<Vec3>> = Vec::new();
         for (i, (name, light)) in own_lights(LIGHT_ROWS).into_iter().enumerate() {
             // Draw the ends in the first light only; they differ as clearly in it as in the others.
             let materials = if i == 0 { &shown[..] } else { &shown[..1] };
@@ -120,6 +125,7 @@ impl Panels {
             ends.extend(drawn);
             progress(0.3 + 0.7 * (i + 1) as f64 / 3.0);
         }
+        let draws = ends.split_off(ends.len().min(2));
         Self {
             observed: observed(subject, &view, &over_paper(&input, exposure)),
             used: used::draw(subject, &view, &over_paper(&input, exposure)),
@@ -129,6 +135,7 @@ impl Panels {
             light: light(subject),
             spheres,
             ends,
+            draws,
         }
     }
 }

@@ -26,6 +26,9 @@ const SCRIPT: &str = concat!(
     include_str!("report.js")
 );
 
+/// Width of the picture of a draw, in pixels: five fit in a row.
+const DRAW: usize = 210;
+
 /// Width at which most pictures are shown: half of their pixels, for high-resolution screens.
 const SHOWN: usize = PANEL / 2;
 
@@ -236,12 +239,23 @@ impl Report<'_> {
                 Some((label, figure::sized(p?, SHOWN, &format!("A sphere of the material: {label}"))))
             })
             .collect();
+        let names = ["draw 1", "draw 2", "draw 3", "draw 4", "draw 5"];
+        let draws: Vec<(&str, Markup)> = names
+            .into_iter()
+            .zip(&self.panels.draws)
+            .map(|(label, picture)| {
+                (label, figure::sized(picture, DRAW, &format!("A sphere of {label} from the posterior")))
+            })
+            .collect();
         html! {
             (figure::figure(&figure::tiles(&tiles), &html! {
                 "Estimate and both ends of the 90 % interval, in a studio light. The ends lie along the direction of the \
                  posterior that changes this picture most. "
                 (format!("They differ most in the {}, by a factor of {:.1}. ", material.ends.region.name(), material.ends.factor))
                 "If they look different, the photograph does not determine the material."
+            }))
+            (figure::figure(&figure::tiles(&draws), &html! {
+                "Five draws from the posterior, in the same order and light: materials that agree with the photograph."
             }))
             (figure::grid(22, &[
                 figure::figure(&svg(&[&width(material)], false, "Map of the width of the 90 % interval over half and difference angle"),

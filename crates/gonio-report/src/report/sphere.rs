@@ -17,7 +17,9 @@ pub(super) fn data(subject: &Subject<'_>) -> String {
     let mut materials = vec![material("estimate", &subject.coloured(subject.table))];
     if let Some(found) = subject.material {
         let names = ["dull end (5 %)", "glossy end (95 %)"];
-        materials.extend(names.into_iter().zip(&found.ends.tables).map(|(name, end)| material(name, &subject.coloured(end))));
+        materials.extend(
+            names.into_iter().zip(&found.ends.tables).map(|(name, end)| material(name, &subject.coloured(end))),
+        );
     }
     let mut lights: Vec<Value> = own_lights(ROWS).iter().map(|(name, map)| light(name, map.radiance())).collect();
     let seen = match (subject.light, subject.known_light) {

@@ -7,8 +7,8 @@ use glam::Vec3;
 use gonio::picture::{Picture, Plane};
 use gonio::reflectance::BivariateTable;
 use gonio::render::{
-    Accuracy, Brdf, Exposure, IntegratorSettings, LightTree, SphereSettings, SurfaceSettings, render_sphere,
-    render_surface,
+    Accuracy, Brdf, Exposure, IntegratorSettings, LightTree, SphereSettings, SurfaceSettings, render_spheres,
+    render_surfaces,
 };
 use gonio_app::draws;
 use gonio_io::atomic::write_file;
@@ -122,20 +122,21 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
         );
     }
     let stage = Stage::new("rendering");
-    let render = |(at, brdf): (usize, &dyn Brdf)| {
-        let progress = |x| stage.at((at as f64 + x) / materials.len() as f64);
+    let brdfs: Vec<&dyn Brdf> = materials.iter().map(AsRef::as_ref).collect();
+    let render = |(at, brdfs): (usize, &[&dyn Brdf])| {
+        let progress = |x| stage.at((at as f64 + x) / materials.len().div_ceil(TOGETHER) as f64);
         match &placed {
             Some(placed) => {
                 let settings = SurfaceSettings { samples, accuracy, shadows: !options.no_shadows };
-                render_surface(brdf, &light, placed.surface.as_ref(), &placed.camera, &settings, &progress)
+                render_surfaces(brdfs, &light, placed.surface.as_ref(), &placed.camera, &settings, &progress)
             }
             None => {
                 let settings = SphereSettings { size: size.0, samples, accuracy, ..SphereSettings::default() };
-                render_sphere(brdf, &light, &settings, &progress)
+                render_spheres(brdfs, &light, &settings, &progress)
             }
         }
     };
-    let pictures: Vec<Picture> = materials.iter().map(AsRef::as_ref).enumerate().map(render).collect();
+    let pictures: Vec<Picture> = brdfs.chunks(TOGETHER).enumerate().flat_map(render).collect();
     stage.finish();
     let bytes = match (png, options.draws) {
         (true, _) => gonio_io::picture::encode_png(&strip(&pictures)),
@@ -157,6 +158,9 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
 
 /// Shares of the ranks of the draws that a strip shows.
 const SHOWN: [f64; 5] = [0.05, 0.25, 0.5, 0.75, 0.95];
+
+/// Number of draws that are rendered together. Their tables fit into the cache.
+const TOGETHER: usize = 20;
 
 /// Largest memory of all renderings, in gigabytes.
 const MAX_GIGABYTES: f64 = 4.0;

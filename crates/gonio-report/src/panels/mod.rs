@@ -126,6 +126,8 @@ impl Panels {
             progress(0.3 + 0.7 * (i + 1) as f64 / 3.0);
         }
         let draws = ends.split_off(ends.len().min(2));
+        // The report shows them smaller than the other pictures.
+        let draws = draws.iter().map(|picture| resize(picture, PANEL / 2, PANEL / 2)).collect();
         Self {
             observed: observed(subject, &view, &over_paper(&input, exposure)),
             used: used::draw(subject, &view, &over_paper(&input, exposure)),

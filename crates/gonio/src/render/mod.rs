@@ -18,8 +18,8 @@ pub use integrate::{IntegratorSettings, Node, Nodes, nodes, radiance};
 pub use linear::Relighter;
 pub use lobe::{HalfVectorSampler, LightSample, SamplerSettings};
 pub use prefiltered::PrefilteredLight;
-pub use sphere::{SphereSettings, images_of_basis, render_sphere};
-pub use surface::{SurfaceSettings, render_surface};
+pub use sphere::{SphereSettings, images_of_basis, render_sphere, render_spheres};
+pub use surface::{SurfaceSettings, render_surface, render_surfaces};
 pub use tone::{Exposure, median_colour};
 pub use tree::LightTree;
 

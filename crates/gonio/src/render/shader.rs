@@ -1,6 +1,6 @@
-//! Radiance of one material in one light, to a given accuracy.
+//! Radiance of materials in one light, to a given accuracy.
 
-use glam::{DVec3, Vec3A};
+use glam::{DVec3, Vec3, Vec3A};
 
 use super::Accuracy;
 use super::brdf::Brdf;
@@ -12,62 +12,91 @@ use super::tree::LightTree;
 use crate::reflectance::BivariateTable;
 use crate::shape::SurfacePoint;
 
-/// A material in a light.
+/// Materials in a light.
 pub(super) enum Shader<'a> {
-    Lobes { lobe: HalfVectorSampler, light: PrefilteredLight },
-    Bound { brdf: &'a dyn Brdf, envelope: BivariateTable, light: &'a LightTree, settings: IntegratorSettings },
+    Lobes { lobe: Box<HalfVectorSampler>, light: Box<PrefilteredLight>, count: usize },
+    Bound { brdfs: Vec<(&'a dyn Brdf, BivariateTable)>, light: &'a LightTree, settings: IntegratorSettings },
 }
 
 impl<'a> Shader<'a> {
-    pub(super) fn new(brdf: &'a dyn Brdf, light: &'a LightTree, accuracy: Accuracy) -> Self {
+    /// # Panics
+    /// If there is no material, or if there are several and one of them depends on `phi_d`.
+    pub(super) fn new(brdfs: &[&'a dyn Brdf], light: &'a LightTree, accuracy: Accuracy) -> Self {
         match accuracy {
             Accuracy::Lobes(settings) => {
-                let light = PrefilteredLight::of(light);
-                Self::Lobes { lobe: HalfVectorSampler::new(&[brdf], &light, settings), light }
+                let light = Box::new(PrefilteredLight::of(light));
+                let lobe = Box::new(HalfVectorSampler::new(brdfs, &light, settings));
+                Self::Lobes { lobe, light, count: brdfs.len() }
             }
-            Accuracy::Bound(settings) => Self::Bound { brdf, envelope: brdf.envelope(), light, settings },
+            Accuracy::Bound(settings) => {
+                Self::Bound { brdfs: brdfs.iter().map(|brdf| (*brdf, brdf.envelope())).collect(), light, settings }
+            }
         }
     }
 
-    /// Returns the radiance that the point reflects of all light above its horizon.
-    pub(super) fn radiance(&self, point: &SurfacePoint) -> DVec3 {
+    /// Returns the radiance that the point reflects of all light above its horizon, by material.
+    pub(super) fn radiance(&self, point: &SurfacePoint) -> Vec<DVec3> {
         match self {
-            Self::Lobes { lobe, light } => {
-                let mut sum = Vec3A::ZERO;
-                lobe.gather(point, light, |arrival| sum += arrival.reflected(0));
-                sum.as_dvec3()
+            Self::Lobes { lobe, light, count } => {
+                let mut sums = vec![Vec3A::ZERO; *count];
+                lobe.gather(point, light, |arrival| {
+                    sums.iter_mut().enumerate().for_each(|(material, sum)| *sum += arrival.reflected(material));
+                });
+                sums.into_iter().map(|sum| sum.as_dvec3()).collect()
             }
-            Self::Bound { brdf, envelope, light, settings } => {
-                nodes(point, envelope, light, settings).radiance(point, *brdf)
+            Self::Bound { brdfs, light, settings } => {
+                let each = |(brdf, envelope): &(_, _)| nodes(point, envelope, light, settings).radiance(point, *brdf);
+                brdfs.iter().map(each).collect()
             }
         }
     }
 
-    /// Returns the radiance that the point reflects of the light that is not blocked.
+    /// Returns the radiance that the point reflects of the light that is not blocked, by material.
     ///
     /// See [`Nodes::shadow`](super::Nodes::shadow).
-    pub(super) fn shadowed(&self, point: &SurfacePoint, blocked: impl Fn(&[DVec3]) -> Vec<bool>) -> DVec3 {
+    pub(super) fn shadowed(&self, point: &SurfacePoint, blocked: impl Fn(&[DVec3]) -> Vec<bool>) -> Vec<DVec3> {
         match self {
-            Self::Lobes { lobe, light } => {
+            Self::Lobes { lobe, light, count } => {
+                // The values of all materials for a direction are contiguous.
                 let (mut directions, mut values, mut strength) = (Vec::new(), Vec::new(), Vec::new());
                 lobe.gather(point, light, |arrival| {
-                    let value = arrival.reflected(0);
                     directions.push(arrival.direction);
-                    values.push(value);
-                    strength.push(f64::from(value.abs().max_element()));
+                    let mut largest = 0.0_f32;
+                    for material in 0..*count {
+                        let value = arrival.reflected(material);
+                        largest = largest.max(value.abs().max_element());
+                        values.push(value);
+                    }
+                    strength.push(f64::from(largest));
                 });
                 let asked = |asked: &[usize]| {
                     let directions: Vec<DVec3> = asked.iter().map(|&i| directions[i].as_dvec3()).collect();
                     blocked(&directions)
                 };
                 let shares = open_shares(&strength, asked);
-                values.iter().zip(shares).map(|(value, open)| value.as_dvec3() * open).sum()
+                let mut sums = vec![DVec3::ZERO; *count];
+                for (values, open) in values.chunks_exact(*count).zip(shares) {
+                    sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += value.as_dvec3() * open);
+                }
+                sums
             }
-            Self::Bound { brdf, envelope, light, settings } => {
-                let mut found = nodes_within(point, envelope, light, settings, PENUMBRA);
-                found.shadow(envelope, blocked);
-                found.radiance(point, *brdf)
+            Self::Bound { brdfs, light, settings } => {
+                let each = |(brdf, envelope): &(_, _)| {
+                    let mut found = nodes_within(point, envelope, light, settings, PENUMBRA);
+                    found.shadow(envelope, &blocked);
+                    found.radiance(point, *brdf)
+                };
+                brdfs.iter().map(each).collect()
             }
         }
     }
+}
+
+/// Returns the mean colour of each material over samples, times the coverage of the pixel.
+pub(super) fn covered(samples: &[Vec<DVec3>], coverage: f32) -> Vec<Vec3> {
+    let mean = |material: usize| {
+        let sum: DVec3 = samples.iter().map(|sample| sample[material]).sum();
+        (sum / samples.len() as f64).as_vec3() * coverage
+    };
+    (0..samples[0].len()).map(mean).collect()
 }

@@ -68,7 +68,8 @@ ELSEWHERE = {
     "check": {"no-align": "align", "mesh": "shape", "circle": "circles", "output": None},
     "merge": {"no-align": "align", "layer": None, "output": None, "save-response": None},
     "light": {"no-align": "align", "output": None},
-    "render": {"mesh": "shape", "no-shadows": "shadows", "height": "size", "output": None},
+    # Posterior.relight has draws and seed.
+    "render": {"draws": None, "seed": None, "model": None, "mesh": "shape", "no-shadows": "shadows", "height": "size", "output": None},
     "combine": {"output": None},
     "export": {"output": "directory"},
 }

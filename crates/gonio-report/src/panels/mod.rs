@@ -109,25 +109,28 @@ impl Panels {
         let exposure = Exposure::own(&input.rgb, |i| is_covered(&input, i));
         let model = reproduction(subject, &view, &input);
         progress(0.3);
-        let count = if with_draws { usize::MAX } else { 0 };
-        let ends = subject.material.iter().flat_map(|m| m.ends.tables.iter().chain(m.ends.examples.iter().take(count)));
-        let shown: Vec<[BivariateTable; 3]> =
-            std::iter::once(subject.table).chain(ends).map(|table| subject.coloured(table)).collect();
-        let mut spheres = Vec::new();
-        let mut ends: Vec<Plane<Vec3>> = Vec::new();
+        let coloured = |table: &BivariateTable| subject.coloured(table);
+        let ends = subject.material.iter().flat_map(|material| &material.ends.tables);
+        let shown: Vec<[BivariateTable; 3]> = std::iter::once(subject.table).chain(ends).map(coloured).collect();
+        let (mut spheres, mut ends, mut draws) = (Vec::new(), Vec::new(), Vec::new());
         for (i, (name, light)) in own_lights(LIGHT_ROWS).into_iter().enumerate() {
             // Draw the ends in the first light only; they differ as clearly in it as in the others.
             let materials = if i == 0 { &shown[..] } else { &shown[..1] };
-            let drawn = Stage::of(&light).spheres(materials);
+            let stage = Stage::of(&light);
+            let drawn = stage.spheres(materials);
             let exposure = sphere_exposure(&drawn[0]);
             let mut drawn = drawn.iter().map(|p| over_paper(p, exposure));
             spheres.extend(drawn.next().map(|p| (name, p)));
             ends.extend(drawn);
+            if let Some(material) = subject.material.filter(|_| i == 0 && with_draws) {
+                // Materials that are rendered together share directions, so that these would change
+                // the other pictures. The report shows them smaller.
+                let examples: Vec<_> = material.ends.examples.iter().map(coloured).collect();
+                let pictures = stage.spheres(&examples);
+                draws.extend(pictures.iter().map(|p| resize(&over_paper(p, exposure), PANEL / 2, PANEL / 2)));
+            }
             progress(0.3 + 0.7 * (i + 1) as f64 / 3.0);
         }
-        let draws = ends.split_off(ends.len().min(2));
-        // The report shows them smaller than the other pictures.
-        let draws = draws.iter().map(|picture| resize(picture, PANEL / 2, PANEL / 2)).collect();
         Self {
             observed: observed(subject, &view, &over_paper(&input, exposure)),
             used: used::draw(subject, &view, &over_paper(&input, exposure)),

@@ -26,7 +26,7 @@ env -i PATH="$wheels/new/bin" "$wheels/new/bin/python" tests/installed.py
 
 "$tools/bin/pip" install --quiet --disable-pip-version-check --force-reinstall --no-deps "$wheels"/gonio-*.whl
 
-# Python code runs on one core, so the rest runs beside the tests.
+# Much of this code uses one core, so the other checks run beside the tests.
 step "tests, beside examples of the documentation, types and tutorial"
 beside() {
     set -e

@@ -92,6 +92,15 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     if options.surface.mesh.is_none() && options.surface.camera.is_some() {
         bail!("--camera requires --mesh; spheres are rendered orthographically");
     }
+    let size = (options.size as usize, options.height.unwrap_or(options.size) as usize);
+    let pictures = options.draws.map_or(1, |count| if png { SHOWN.len() } else { count as usize });
+    let gigabytes = (pictures * size.0 * size.1 * size_of::<Vec3>()) as f64 / 1e9;
+    if gigabytes > MAX_GIGABYTES {
+        bail!(
+            "--draws: the renderings take {gigabytes:.0} GB of memory (limit {MAX_GIGABYTES:.0}); use fewer draws or a \
+             smaller --size"
+        );
+    }
     let materials: Vec<Box<dyn Brdf>> = match options.draws {
         None => vec![Box::new(input::brdf(&options.brdf)?)],
         Some(count) => {
@@ -108,19 +117,11 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     let bound = |tolerance| Accuracy::Bound(IntegratorSettings { tolerance, ..IntegratorSettings::default() });
     let accuracy = options.tolerance.map_or_else(Accuracy::default, bound);
     let samples = options.samples as usize;
-    let size = (options.size as usize, options.height.unwrap_or(options.size) as usize);
     let mut warnings = Vec::new();
     let placed = match options.surface.mesh() {
         Some(shape) => shape.surface(size, &mut warnings).map_err(plain)?,
         None => None,
     };
-    let gigabytes = (materials.len() * size.0 * size.1 * size_of::<Vec3>()) as f64 / 1e9;
-    if gigabytes > MAX_GIGABYTES {
-        bail!(
-            "--draws: the renderings take {gigabytes:.0} GB of memory (limit {MAX_GIGABYTES:.0}); use fewer draws or a \
-             smaller --size"
-        );
-    }
     let stage = Stage::new("rendering");
     let brdfs: Vec<&dyn Brdf> = materials.iter().map(AsRef::as_ref).collect();
     let render = |(at, brdfs): (usize, &[&dyn Brdf])| {

@@ -87,10 +87,7 @@ pub fn encode_exr_with(rgb: &Plane<Vec3>, options: &ExrOptions<'_>) -> Vec<u8> {
         attributes.other.extend(level);
         attributes
     };
-    let mut of_image = ImageAttributes::new(IntegerBounds::from_dimensions((width, height)));
-    of_image.chromaticities = space.map(chromaticities);
-    let encoding =
-        Encoding { compression: Compression::ZIP16, blocks: Blocks::ScanLines, line_order: LineOrder::Increasing };
+    let (of_image, encoding) = (image_attributes((width, height), space), ENCODING);
     let mut bytes = Cursor::new(Vec::new());
     let written = match alpha {
         Some(alpha) => {
@@ -135,15 +132,23 @@ pub fn encode_exr_layers(rgb: &Plane<Vec3>, alpha: Option<&Plane<f32>>, layers: 
         assert_eq!(alpha.size(), rgb.size(), "alpha must have the size of the picture");
         channels.push(AnyChannel::new("A", FlatSamples::F32(alpha.as_slice().to_vec())));
     }
-    let mut of_image = ImageAttributes::new(IntegerBounds::from_dimensions((width, height)));
-    of_image.chromaticities = Some(chromaticities(ColourSpace::Rec709));
-    let encoding =
-        Encoding { compression: Compression::ZIP16, blocks: Blocks::ScanLines, line_order: LineOrder::Increasing };
+    let of_image = image_attributes((width, height), Some(ColourSpace::Rec709));
     let channels = AnyChannels::sort(channels.into_iter().collect());
-    let layer = Layer::new((width, height), LayerAttributes::default(), encoding, channels);
+    let layer = Layer::new((width, height), LayerAttributes::default(), ENCODING, channels);
     let mut bytes = Cursor::new(Vec::new());
     Image::new(of_image, layer).write().to_buffered(&mut bytes).expect("writing to memory cannot fail");
     bytes.into_inner()
+}
+
+/// Encoding of all OpenEXR files.
+const ENCODING: Encoding =
+    Encoding { compression: Compression::ZIP16, blocks: Blocks::ScanLines, line_order: LineOrder::Increasing };
+
+/// Returns the attributes of a picture in a colour space, if it has one.
+fn image_attributes(size: (usize, usize), space: Option<ColourSpace>) -> ImageAttributes {
+    let mut attributes = ImageAttributes::new(IntegerBounds::from_dimensions(size));
+    attributes.chromaticities = space.map(chromaticities);
+    attributes
 }
 
 /// Returns the attribute `chromaticities` of a space.

@@ -282,7 +282,7 @@ class Material(Result):
             colours; only their luminance varies.
         errors : bool, default False
             Multiply each draw by a smooth random factor, so that the quantiles of the draws are
-            :attr:`quantiles`. Use these draws for the interval of whatever is computed from a BRDF.
+            :attr:`quantiles`. Use these draws for intervals of quantities computed from a BRDF.
 
         Returns
         -------

@@ -123,8 +123,8 @@ impl Panels {
             spheres.extend(drawn.next().map(|p| (name, p)));
             ends.extend(drawn);
             if let Some(material) = subject.material.filter(|_| i == 0 && with_draws) {
-                // Materials that are rendered together share directions, so that these would change
-                // the other pictures. The report shows them smaller.
+                // Materials rendered together share half vectors, so the draws would change the
+                // pictures above. The report shows draws at a smaller size.
                 let examples: Vec<_> = material.ends.examples.iter().map(coloured).collect();
                 let pictures = stage.spheres(&examples);
                 draws.extend(pictures.iter().map(|p| resize(&over_paper(p, exposure), PANEL / 2, PANEL / 2)));

@@ -130,16 +130,14 @@ pub fn draws(
     count: usize,
     seed: u64,
 ) -> Result<Vec<BivariateTable>, EstimateError> {
-    let learnt = model.learnt.as_ref().ok_or(EstimateError::NotLearnt)?;
-    let tables = learnt::sample(learnt, likelihood, count, seed).ok_or(EstimateError::NotLearnt)?;
-    Ok(tables.into_iter().map(|table| table.scaled(ALBEDO)).collect())
+    drawn(model, |learnt| learnt::sample(learnt, likelihood, count, seed))
 }
 
 /// Returns draws from the posterior predictive distribution, each with albedo [`ALBEDO`].
 ///
 /// They include the error of the material coordinates, so their quantiles are
-/// [`Material::quantiles`]. Use them for intervals of whatever is computed from a BRDF, such as a
-/// rendering. The same `seed` gives the same draws.
+/// [`Material::quantiles`]. Use them for intervals of quantities that are computed from a BRDF,
+/// such as the radiance in a rendering. The same `seed` gives the same draws.
 ///
 /// # Errors
 /// [`EstimateError::NotLearnt`] if the likelihood belongs to another model.
@@ -149,8 +147,15 @@ pub fn predictive_draws(
     count: usize,
     seed: u64,
 ) -> Result<Vec<BivariateTable>, EstimateError> {
-    let learnt = model.learnt.as_ref().ok_or(EstimateError::NotLearnt)?;
-    let tables = learnt::predict(learnt, likelihood, count, seed).ok_or(EstimateError::NotLearnt)?;
+    drawn(model, |learnt| learnt::predict(learnt, likelihood, count, seed))
+}
+
+/// Returns tables of albedo one that `draw` computes, scaled to [`ALBEDO`].
+fn drawn(
+    model: &Model,
+    draw: impl FnOnce(&LearntPosterior) -> Option<Vec<BivariateTable>>,
+) -> Result<Vec<BivariateTable>, EstimateError> {
+    let tables = model.learnt.as_ref().and_then(draw).ok_or(EstimateError::NotLearnt)?;
     Ok(tables.into_iter().map(|table| table.scaled(ALBEDO)).collect())
 }
 

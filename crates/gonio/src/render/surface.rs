@@ -192,7 +192,7 @@ mod tests {
 
     /// All materials share the half vectors, whose error is about half a percent.
     #[test]
-    fn materials_together_match_each_alone() {
+    fn materials_rendered_together_match_single_renderings() {
         let light = light(|d| 2.0 + d.y + if d.x > 0.8 { 20.0 } else { 0.0 });
         let bowl = Tracer::new(Form::Bowl.mesh(24).unwrap());
         let (centre, radius) = bowl.bounds();

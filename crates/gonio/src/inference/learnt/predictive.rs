@@ -1,4 +1,4 @@
-//! Draws that include the errors that the draws of a posterior do not show.
+//! Draws from the posterior predictive distribution, which includes the error of the model.
 
 use rand::SeedableRng;
 use rand_distr::{ChiSquared, Distribution};

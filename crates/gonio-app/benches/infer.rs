@@ -224,8 +224,13 @@ fn form(form: OwnForm, cells: usize) -> MeshParts {
 
 fn by_normals(width: usize, height: usize) -> Scene {
     let (picture, seen) = photograph(form(OwnForm::Blob, 60), (width, height));
-    let normals =
-        Normals { picture: Source::Here(seen.normals), correction: Correction::default(), trusted: true, places: None };
+    let normals = Normals {
+        picture: Source::Here(seen.normals),
+        correction: Correction::default(),
+        trusted: true,
+        error: 0.0,
+        places: None,
+    };
     scene(picture, Form::Normals(Box::new(normals)))
 }
 

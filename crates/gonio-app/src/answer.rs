@@ -5,8 +5,8 @@ use std::path::Path;
 
 use glam::Vec3;
 use gonio::estimate::{
-    ALBEDO, Alignment, Colouring, ColouringRule, Estimate, Light, LitEstimate, MAX_MISFIT, Material, Stage,
-    estimate_beside, estimate_under,
+    ALBEDO, Alignment, CONTRADICTED, Colouring, ColouringRule, Estimate, Light, LitEstimate, MAX_MISFIT, Material,
+    Stage, estimate_beside, estimate_under,
 };
 use gonio::lighting::{EnvironmentMap, LightGrid, named_light};
 use gonio::model::Model;
@@ -21,7 +21,11 @@ use gonio_report::report::{Fits, Report};
 use serde_json::{Map, Value, json};
 
 use crate::notes::{self, ResultDocument};
-use crate::{Method, ObservedScene, Problem, ProgressLog, Scene, Settings, Source, Warning, basis, combine, reference};
+use crate::regions::Regions;
+use crate::{
+    LightSource, Method, ObservedScene, Problem, ProgressLog, Scene, Settings, Source, Warning, basis, combine,
+    reference,
+};
 
 /// Result of an inference from one photograph.
 pub struct InferenceResult {
@@ -103,6 +107,24 @@ impl<'a> InferenceContext<'a> {
         Ok(Self { model, known_light, rule, observing })
     }
 
+    /// Reads the light from the mirror ball in the photograph, if the settings specify one. Returns
+    /// the scene, with its photograph in memory.
+    pub(crate) fn with_mirror_ball(
+        &mut self,
+        scene: Scene,
+        regions: Option<&Regions>,
+        settings: &Settings<'_>,
+        warnings: &mut Vec<Warning>,
+        progress_log: &ProgressLog<'_>,
+    ) -> Result<Scene, Problem> {
+        let Some(ball) = settings.method.mirror_ball() else { return Ok(scene) };
+        progress_log.at("reading", 0.0);
+        let (scene, light) = ball.light(scene, regions, warnings)?;
+        self.rule = settings.colours.rule(Some(&light));
+        self.known_light = Some(light);
+        Ok(scene)
+    }
+
     /// Returns the rule for the colours of a scene, from its reference if it has one, and the
     /// assumption on the colour of the light in words.
     pub(crate) fn rule_of(&self, seen: &ObservedScene) -> (ColouringRule, &'static str) {
@@ -136,7 +158,9 @@ pub fn infer(
     settings: &Settings<'_>,
     progress_log: &ProgressLog<'_>,
 ) -> Result<InferenceResult, Problem> {
-    of_one(&InferenceContext::of(model, settings)?, scene, settings, Vec::new(), progress_log)
+    let (mut asked, mut warnings) = (InferenceContext::of(model, settings)?, Vec::new());
+    let scene = asked.with_mirror_ball(scene, None, settings, &mut warnings, progress_log)?;
+    of_one(&asked, scene, settings, warnings, progress_log)
 }
 
 /// Infers from a scene with one object; `warnings` contains those from reading the photograph.
@@ -148,25 +172,48 @@ pub(crate) fn of_one(
     progress_log: &ProgressLog<'_>,
 ) -> Result<InferenceResult, Problem> {
     let (image, linear) = (scene.name.clone(), scene.reading.linear);
-    let seen = asked.look(scene, settings, &mut warnings, progress_log)?;
-    let found = solve(asked, &seen, (&image, linear), settings, &mut warnings, progress_log)?;
+    let mut seen = asked.look(scene, settings, &mut warnings, progress_log)?;
+    if let Some(ball) = settings.method.mirror_ball() {
+        ball.check_apart(&seen.detection, &image)?;
+    }
+    let mut own = Vec::new();
+    let mut found = solve(asked, &seen, (&image, linear), settings, &mut own, progress_log)?;
+    if let ("misfit", misfit) = found.left
+        && misfit > CONTRADICTED
+        && let Some(refined) = seen.detection.refined(&seen.picture)
+    {
+        let inflated = std::mem::replace(&mut seen.detection, refined);
+        let mut others = Vec::new();
+        // Without a second estimate, the first one remains.
+        match solve(asked, &seen, (&image, linear), settings, &mut others, progress_log) {
+            Ok(other) if other.left.1 < misfit => {
+                (found, own) = (other, others);
+                seen.notes["report"] = json!(seen.detection.observations.report);
+            }
+            _ => seen.detection = inflated,
+        }
+    }
+    warnings.append(&mut own);
+    if seen.detection.estimated_normals {
+        seen.notes["shape"]["refined"] = json!(seen.detection.is_refined());
+    }
     if let ("misfit", misfit) = found.left
         && misfit > MAX_MISFIT
         && !seen.force
     {
-        return Err(contradicted(&image, &seen, found.known_light.is_some(), misfit));
+        return Err(contradicted(&image, &seen, settings.method.light_suggestion(), misfit));
     }
     let found = found.scaled_by_reference(&seen, &image, &mut warnings);
     Ok(assemble(asked, seen, found, &image, settings, warnings, progress_log))
 }
 
 /// Returns the error for an estimate that the photograph contradicts, with suggestions.
-fn contradicted(image: &str, seen: &ObservedScene, lit: bool, misfit: f64) -> Problem {
+fn contradicted(image: &str, seen: &ObservedScene, of_light: Option<Suggestion>, misfit: f64) -> Problem {
     let (percent, most) = (100.0 * misfit, 100.0 * MAX_MISFIT);
     let text = format!(
         "light and material do not reproduce the photograph: the relative RMS residual is {percent:.0} % (limit {most:.0} %)"
     );
-    let suggested = remedies(seen, lit.then_some(Suggestion::AlignLight));
+    let suggested = remedies(seen, of_light);
     suggested.into_iter().fold(Problem::of(image, text), Problem::with).with(Suggestion::Force)
 }
 
@@ -177,6 +224,9 @@ fn remedies(seen: &ObservedScene, of_light: Option<Suggestion>) -> Vec<Suggestio
         Some(placed) if placed.default_camera => vec![Suggestion::Camera, Suggestion::Pose],
         Some(_) => vec![Suggestion::Pose],
         None if seen.detection.circle().is_some() => vec![Suggestion::Outline],
+        None if matches!(seen.detection.found, gonio::scene::Found::Outline(_)) => {
+            vec![Suggestion::Mesh, Suggestion::Normals]
+        }
         None => Vec::new(),
     };
     of_light.into_iter().chain(of_shape).collect()
@@ -202,15 +252,18 @@ pub(crate) fn solve(
             let known_light = Some(found.corrected(map));
             let scale = if ask.absolute { found.exposure } else { 1.0 };
             for diagnostic in found.diagnostics() {
-                let aligns = (ask.alignment != Alignment::Around).then_some(Suggestion::AlignLight);
+                let aligns = (ask.alignment != Alignment::Around).then(|| settings.method.light_suggestion()).flatten();
                 let suggested = if diagnostic.is_misfit() { remedies(seen, aligns) } else { Vec::new() };
                 warnings.push(Warning::of(image, diagnostic).with(suggested));
             }
             if ask.absolute && scale * ALBEDO > MOST {
+                let cause = match ask.map {
+                    LightSource::Map(_) => "photograph and light map do not have the same scale",
+                    LightSource::MirrorBall(_) => "the specified reflectance of the mirror ball is too high",
+                };
+                let albedo = scale * ALBEDO;
                 let text = format!(
-                    "the absolute albedo at normal incidence is {:.2}, above the physical limit of 1; photograph and light map \
-                     do not have the same scale",
-                    scale * ALBEDO
+                    "the absolute albedo at normal incidence is {albedo:.2}, above the physical limit of 1; {cause}"
                 );
                 warnings.push(Warning::of(image, text));
             }

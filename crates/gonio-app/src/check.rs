@@ -147,6 +147,7 @@ impl Looked {
                     ellipse.axes.0, ellipse.axes.1
                 )
             }
+            Found::Outline(depth) => format!("surface inflated from the outline, depth factor {depth:.2}"),
             Found::Surface => "mesh".to_owned(),
             Found::Normals(_) => "shape from a normal map".to_owned(),
         }

@@ -129,7 +129,7 @@ pub fn under_known_light(found: &LitEstimate, ask: &KnownLight) -> Value {
                      and the BRDF is absolute. Otherwise, its albedo at normal incidence is 0.5.",
         },
         "known_light": {
-            "map": ask.map.name("the light"),
+            "map": ask.map.name(),
             "rows": found.map_rows,
             "turn_degrees": turn,
             "clipped": gain,
@@ -286,6 +286,7 @@ pub fn detection(detection: &Detection) -> Value {
         Found::Circle(circle) => json!({ "circle": circle }),
         Found::Ball(centre) => json!({ "shape": { "ball": { "centre": centre.to_array() } } }),
         Found::Ellipse(ellipse, depth) => json!({ "shape": { "ellipse": ellipse, "depth_axis": depth } }),
+        Found::Outline(depth) => json!({ "shape": { "outline": { "depth_factor": depth } } }),
         Found::Surface => json!({ "shape": {} }),
         Found::Normals(soundness) => {
             let shape = soundness.as_ref().map(|soundness| json!({ "soundness": soundness }));

@@ -88,7 +88,8 @@ pub fn infer_all(
     if let Some(regions) = regions {
         return Ok(Inferred::Several(infer_regions(model, scene, regions, settings, progress_log)?));
     }
-    let (asked, mut warnings) = (InferenceContext::of(model, settings)?, Vec::new());
+    let (mut asked, mut warnings) = (InferenceContext::of(model, settings)?, Vec::new());
+    scene = asked.with_mirror_ball(scene, None, settings, &mut warnings, progress_log)?;
     if may_be_several(&scene) && settings.method.search().is_none() {
         progress_log.at("reading", 0.0);
         let photograph = scene.shots.read(&scene.reading, scene.clip, &mut warnings)?;
@@ -146,7 +147,9 @@ pub fn infer_regions(
     if settings.method.search().is_some() {
         return Err(Problem::new("several materials require the method learnt or known-light"));
     }
-    of_regions(&InferenceContext::of(model, settings)?, scene, regions, settings, Vec::new(), progress_log)
+    let (mut asked, mut warnings) = (InferenceContext::of(model, settings)?, Vec::new());
+    let scene = asked.with_mirror_ball(scene, Some(regions), settings, &mut warnings, progress_log)?;
+    of_regions(&asked, scene, regions, settings, warnings, progress_log)
 }
 
 fn of_regions(
@@ -222,6 +225,11 @@ pub(crate) fn parts(
                 (Form::Sphere(None), None) => Form::Sphere(Some(
                     outline_of_ball(picture, mask).map_err(|error| Problem::of_scene(&scene.name, &error))?.0,
                 )),
+                (Form::Outline, _) => {
+                    return Err(Problem::new(
+                        "an outline cannot be inflated for each region; specify the shape of the object by normals or a mesh",
+                    ));
+                }
                 (form, _) => form.clone(),
             };
             let part = |(name, own): (String, Plane<bool>)| {

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use glam::Vec3;
 use gonio::estimate::SHARES;
 use gonio::lighting::LightGrid;
-use gonio::picture::Plane;
+use gonio::picture::{Plane, srgb_decode};
 use gonio::reflectance::BivariateTable;
 use gonio_io::colour_space::ColourSpace;
 use gonio_io::picture::{encode_exr_in, encode_png};
@@ -31,7 +31,7 @@ pub const RESULT: &str = "result.json";
 /// HTML report.
 pub const REPORT: &str = "report.html";
 /// Names of the pictures, `NAME.png`.
-pub const PICTURES: [&str; 5] = ["relit", "used", "summary", "uncertainty", "combined"];
+pub const PICTURES: [&str; 6] = ["relit", "used", "summary", "uncertainty", "combined", "normals"];
 /// Picture of the regions and a sphere of each material, beside the folders of the regions.
 pub const MATERIALS: &str = "materials.png";
 /// Rows of [`LIGHT`].
@@ -89,6 +89,12 @@ impl Files {
     }
 }
 
+/// Returns the display value of a normal: its components from -1..=1 become codes from 0 to 255,
+/// and a missing normal is black, as in a normal map.
+fn coded_normal(normal: &Vec3) -> Vec3 {
+    if *normal == Vec3::ZERO { Vec3::ZERO } else { (0.5 * *normal + 0.5).map(srgb_decode) }
+}
+
 impl InferenceResult {
     /// Returns the available pictures of [`PICTURES`], as linear display values.
     pub fn pictures(&self) -> Vec<(&'static str, Plane<Vec3>)> {
@@ -101,6 +107,9 @@ impl InferenceResult {
             }
             pictures.push((PICTURES[2], summary::compose(&subject, panels, &self.caption)));
             pictures.extend(self.material.as_ref().map(|material| (PICTURES[3], uncertainty::draw(material))));
+            let detection = &self.seen.detection;
+            let estimated = detection.normals.as_ref().filter(|_| detection.estimated_normals);
+            pictures.extend(estimated.map(|normals| (PICTURES[5], normals.map(coded_normal))));
         }
         pictures
     }

@@ -8,7 +8,7 @@ use gonio::model::Model;
 use gonio::sphere::OctahedralMap;
 use gonio::suggestion::Suggestion;
 
-use crate::{Problem, Source, Spaces, Words};
+use crate::{MirrorBall, Problem, Source, Spaces, Words};
 
 /// Settings of an inference: method, grid, colours and outputs.
 pub struct Settings<'a> {
@@ -49,11 +49,30 @@ pub enum Method {
 #[derive(Clone, Debug)]
 pub struct KnownLight {
     /// Its lat-long map in camera space.
-    pub map: Source<EnvironmentMap>,
+    pub map: LightSource,
     /// Rotations of the map to search.
     pub alignment: Alignment,
     /// Map and photograph have the same scale, so that the reflectance is absolute.
     pub absolute: bool,
+}
+
+/// Source of the map of a known light.
+#[derive(Clone, Debug)]
+pub enum LightSource {
+    /// A map.
+    Map(Source<EnvironmentMap>),
+    /// A mirror ball in the photograph.
+    MirrorBall(MirrorBall),
+}
+
+impl LightSource {
+    /// Returns the name in messages.
+    pub(crate) fn name(&self) -> String {
+        match self {
+            Self::Map(map) => map.name("the light"),
+            Self::MirrorBall(_) => "the mirror ball in the photograph".to_owned(),
+        }
+    }
 }
 
 /// Settings of the search for reflectance coefficients.
@@ -91,10 +110,28 @@ impl Method {
         }
     }
 
-    /// Returns the known light.
+    /// Returns the map of the known light, unless the photograph shows it.
     pub(crate) fn light(&self) -> Option<&Source<EnvironmentMap>> {
         match self {
-            Self::KnownLight(KnownLight { map, .. }) | Self::KnownLightBasis(_, map) => Some(map),
+            Self::KnownLight(KnownLight { map: LightSource::Map(map), .. }) | Self::KnownLightBasis(_, map) => {
+                Some(map)
+            }
+            _ => None,
+        }
+    }
+
+    /// Returns the suggestion for a known light that the photograph contradicts.
+    pub(crate) fn light_suggestion(&self) -> Option<Suggestion> {
+        if self.mirror_ball().is_some() {
+            return Some(Suggestion::MirrorBall);
+        }
+        self.light().map(|_| Suggestion::AlignLight)
+    }
+
+    /// Returns the mirror ball that shows the light.
+    pub(crate) fn mirror_ball(&self) -> Option<&MirrorBall> {
+        match self {
+            Self::KnownLight(KnownLight { map: LightSource::MirrorBall(ball), .. }) => Some(ball),
             _ => None,
         }
     }

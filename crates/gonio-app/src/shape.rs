@@ -50,6 +50,8 @@ pub enum Form {
     Sphere(Option<Circle>),
     /// Ellipsoid with this semi-axis towards the camera in pixels, if known.
     Ellipsoid(Option<f64>),
+    /// Any smooth shape, inflated from its outline.
+    Outline,
     /// Triangle mesh; a file can be the name of a built-in mesh.
     Mesh(Source<MeshParts>),
     /// Any shape, given by a normal map.
@@ -65,6 +67,8 @@ pub struct Normals {
     pub correction: Correction,
     /// Skip the consistency checks.
     pub trusted: bool,
+    /// Expected error in radians; zero for measured normals.
+    pub error: f64,
     /// Positions of the surface, for self-shadowing.
     pub places: Option<Places>,
 }
@@ -90,7 +94,7 @@ impl Shape {
         match &self.form {
             Form::Mesh(mesh) => Some(mesh.name("the mesh")),
             Form::Normals(normals) => Some(normals.picture.name("the normals")),
-            Form::Sphere(_) | Form::Ellipsoid(_) => None,
+            Form::Sphere(_) | Form::Ellipsoid(_) | Form::Outline => None,
         }
     }
 
@@ -102,7 +106,8 @@ impl Shape {
         }
     }
 
-    fn camera(&self, size: (usize, usize)) -> Result<Option<Camera>, Problem> {
+    /// Reads the camera for images of `size`; `None` without one.
+    pub(crate) fn camera(&self, size: (usize, usize)) -> Result<Option<Camera>, Problem> {
         Ok(match &self.camera {
             None => None,
             Some(Source::File(path)) => Some(read_camera(path, size)?),
@@ -134,6 +139,12 @@ impl Shape {
             (Form::Ellipsoid(_), Some(_)) => {
                 let problem = "ellipsoid and camera cannot be combined, because gonio fits an ellipsoid under an \
                                orthographic camera; specify a mesh";
+                return Err(Problem::new(problem));
+            }
+            (Form::Outline, None) => Object::Outline,
+            (Form::Outline, Some(_)) => {
+                let problem = "outline and camera cannot be combined, because gonio inflates outlines under an \
+                               orthographic camera; specify a mesh or normals";
                 return Err(Problem::new(problem));
             }
             (Form::Normals(normals), camera) => return normals.object(image, camera, size),
@@ -173,7 +184,7 @@ impl Normals {
                 (Some(places.read(&name, image, camera, size)?), json!({ "geometry": name }))
             }
         };
-        let picture = NormalPicture { normals, camera, relief, trusted: self.trusted };
+        let picture = NormalPicture { normals, camera, relief, trusted: self.trusted, error: self.error };
         Ok((Object::Normals(Box::new(picture)), notes))
     }
 }

@@ -96,7 +96,7 @@ fn one_wrong_pixel_changes_no_interval_of_an_object_with_normals() {
     let (picture, model) = (sample(), gonio_io::model::embedded().unwrap());
     let normals = normals(&picture);
     let seen = |picture: &Picture| {
-        let view = NormalPicture { normals: normals.clone(), camera: None, relief: None, trusted: true };
+        let view = NormalPicture { normals: normals.clone(), camera: None, relief: None, trusted: true, error: 0.0 };
         Detection::of(picture, None, Object::Normals(Box::new(view)), &ObservationSettings::default()).unwrap()
     };
     let clean_weights = seen(&picture).observations.weights;

@@ -6,16 +6,20 @@ use std::time::Instant;
 use anyhow::{Result, bail};
 use clap::ValueEnum;
 use gonio::inference::Solver;
+use gonio::scene::Circle;
 use gonio_app::folder::{beside, for_results, holds_results, would_replace};
 use gonio_app::regions::{Inferred, Several, infer_all};
-use gonio_app::{Alignment, Colours, KnownLight, Method, ProgressLog, Search, Settings, Source, Spaces};
+use gonio_app::{
+    Alignment, Colours, KnownLight, LightSource, Method, MirrorBall, ProgressLog, Search, Settings, Source, Spaces,
+};
 use gonio_io::atomic::StagedFolder;
 use serde_json::{Value, json};
 
 use crate::input;
+use crate::light::{Reflectance, parse_reflectance};
 use crate::outcome::Outcome;
 use crate::progress::Stages;
-use crate::scene::SceneOptions;
+use crate::scene::{SceneOptions, parse_circle};
 use crate::space::OutputSpace;
 use crate::suggestion::{self, plain};
 
@@ -32,6 +36,20 @@ pub(crate) struct Options {
     /// (docs/known-light.md).
     #[arg(long, value_name = "MAP", help_heading = LIGHT)]
     light: Option<PathBuf>,
+    /// Outline of a mirror ball in the photograph, from which gonio measures the light
+    ///
+    /// X,Y,RADIUS are in pixels from the top left corner. The ball must be beside the object, in
+    /// the same light. gonio detects a ball beside it; another object requires a mask
+    /// (docs/light-probe.md).
+    #[arg(long, value_name = "X,Y,RADIUS", value_parser = parse_circle, conflicts_with_all = ["light", "light_color"],
+          help_heading = LIGHT)]
+    mirror_ball: Option<Circle>,
+    /// Reflectance of the mirror ball at normal incidence: one number, or one per channel
+    ///
+    /// Chrome has about 0.55 and polished silver 0.95. With this option, the BRDF is absolute.
+    /// Without it, gonio assumes a grey ball and scales the BRDF to an albedo of 0.5.
+    #[arg(long, value_name = "R|R,G,B", value_parser = parse_reflectance, requires = "mirror_ball", help_heading = LIGHT)]
+    mirror_reflectance: Option<Reflectance>,
     /// Range of rotations of the light map to search for the best fit [default: near; without HOW:
     /// around]
     #[arg(long, value_enum, value_name = "HOW", requires = "light", num_args = 0..=1, default_missing_value = "around",
@@ -48,7 +66,7 @@ pub(crate) struct Options {
     /// Each point receives all light above its horizon, even if other parts of the object block it.
     #[arg(long, help_heading = LIGHT)]
     no_shadows: bool,
-    /// Estimation method [default: learnt; with --light: known-light]
+    /// Estimation method [default: learnt, or known-light if the light is known]
     ///
     /// "The paper" is Romeiro and Zickler, Blind Reflectometry, ECCV 2010 (docs/paper.md).
     #[arg(long, value_enum, help_heading = METHOD)]
@@ -67,7 +85,7 @@ pub(crate) struct Options {
     /// gonio then uses the paper's octahedral light map at one azimuth, 8,600 normals (none near
     /// the poles of the map), 10 basis functions, random starts, and Algorithm 1 as printed.
     #[arg(long, help_heading = METHOD, conflicts_with_all = [
-        "method", "solver", "grid", "model", "light", "normals", "mesh", "materials", "full_rows",
+        "method", "solver", "grid", "model", "light", "mirror_ball", "normals", "mesh", "materials", "full_rows",
     ])]
     paper: bool,
     /// Number of random starts of the paper's methods [default: 4]
@@ -152,7 +170,7 @@ enum MethodName {
     Variational,
     /// Joint MAP estimate of light and reflectance; inaccurate, for comparison with the paper
     Map,
-    /// Posterior of the material under the light of --light
+    /// Posterior of the material under the light of --light or --mirror-ball
     KnownLight,
     /// Coefficients of ten basis functions under the light of --light, as in the paper
     KnownLightBasis,
@@ -205,8 +223,25 @@ impl Options {
         };
         let (starts, seed) = (self.starts.unwrap_or(4) as usize, self.seed.unwrap_or(1));
         let search = Search { solver, starts, seed, paper: self.paper, full_rows: self.full_rows };
-        let usual = if self.light.is_some() { MethodName::KnownLight } else { MethodName::Learnt };
+        let usual = if self.light.is_some() || self.mirror_ball.is_some() {
+            MethodName::KnownLight
+        } else {
+            MethodName::Learnt
+        };
         let name = if self.paper { MethodName::Variational } else { self.method.unwrap_or(usual) };
+        if let Some(circle) = self.mirror_ball {
+            if name != MethodName::KnownLight {
+                bail!("--mirror-ball is for --method known-light; the other methods do not use it");
+            }
+            self.refuse_unused(name)?;
+            let reflectance = self.mirror_reflectance.map_or([1.0; 3], |reflectance| reflectance.0);
+            // Ball and object are in one picture, so there is no rotation to search.
+            return Ok(Method::KnownLight(KnownLight {
+                map: LightSource::MirrorBall(MirrorBall { circle, reflectance }),
+                alignment: Alignment::Fixed,
+                absolute: self.mirror_reflectance.is_some(),
+            }));
+        }
         let light = self.light.clone().map(Source::File);
         let method = match (name, light) {
             (MethodName::KnownLight, Some(map)) => {
@@ -215,11 +250,11 @@ impl Options {
                     Some(AlignmentName::Around) => Alignment::Around,
                     Some(AlignmentName::Fixed) => Alignment::Fixed,
                 };
-                Method::KnownLight(KnownLight { map, alignment, absolute: self.absolute })
+                Method::KnownLight(KnownLight { map: LightSource::Map(map), alignment, absolute: self.absolute })
             }
             (MethodName::KnownLightBasis, Some(map)) => Method::KnownLightBasis(search, map),
             (MethodName::KnownLight | MethodName::KnownLightBasis, None) => {
-                bail!("this --method requires a known light; specify it with --light MAP")
+                bail!("this --method requires a known light; specify it with --light MAP or --mirror-ball X,Y,RADIUS")
             }
             (_, Some(_)) => {
                 bail!(

@@ -79,9 +79,9 @@ pub(crate) struct Options {
 
 /// Reflectance of each channel at normal incidence.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Reflectance([f64; 3]);
+pub(crate) struct Reflectance(pub(crate) [f64; 3]);
 
-fn parse_reflectance(text: &str) -> Result<Reflectance, String> {
+pub(crate) fn parse_reflectance(text: &str) -> Result<Reflectance, String> {
     let numbers: Result<Vec<f64>, _> = text.split(',').map(|s| s.trim().parse()).collect();
     let channels = match numbers.as_deref() {
         Ok(&[all]) => Some([all; 3]),

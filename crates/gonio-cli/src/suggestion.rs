@@ -7,6 +7,8 @@ use gonio_app::{Problem, Warning};
 /// Words a suggestion as an option.
 pub(crate) fn words(suggestion: &Suggestion) -> Option<String> {
     let words = match suggestion {
+        Suggestion::Inflate => "use --shape outline if the object is smooth",
+        Suggestion::MirrorBall => "check --mirror-ball X,Y,RADIUS",
         Suggestion::Outline => "specify the outline of the ball with --circle X,Y,RADIUS",
         Suggestion::Ellipsoid => "use --shape ellipsoid if the object is an ellipsoid",
         Suggestion::DepthAxis => "specify it with --depth-axis PIXELS if it is known",

@@ -21,6 +21,7 @@ mod prior;
 mod quadrature;
 mod scales;
 mod shapes;
+mod silhouettes;
 mod tints;
 mod together;
 
@@ -56,6 +57,8 @@ enum Command {
     Tints,
     /// Measures errors on shapes other than a sphere, with and without modelling self-shadowing.
     Shapes(shapes::Options),
+    /// Measures errors of estimates whose shape is inflated from the outline.
+    Silhouettes(silhouettes::Options),
     /// Evaluates the default method on photographs of real objects, against their measured BRDF and
     /// their photographs in other lights.
     Captured(captured::Options),
@@ -93,6 +96,7 @@ fn main() -> ExitCode {
         Command::Calibration(options) => calibration::run(&data, &options),
         Command::Tints => tints::run(&data),
         Command::Shapes(options) => shapes::run(&data, &options),
+        Command::Silhouettes(options) => silhouettes::run(&data, &options),
         Command::Captured(options) => captured::run(&data, &options),
         Command::Bench(options) => bench::bench(&data, &options),
         Command::Camera(options) => camera::run(&data, &options),

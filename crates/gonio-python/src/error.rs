@@ -14,6 +14,8 @@ use pyo3::types::PyType;
 /// Returns the text of a suggestion, in terms of the arguments of the package.
 pub(crate) fn words(suggestion: &Suggestion) -> Option<String> {
     let words = match suggestion {
+        Suggestion::Inflate => "use shape=\"outline\" if the object is smooth",
+        Suggestion::MirrorBall => "check mirror_ball=(x, y, radius)",
         Suggestion::Outline => "specify the outline of the ball with circle=(x, y, radius)",
         Suggestion::Ellipsoid => "use shape=\"ellipsoid\" if the object is an ellipsoid",
         Suggestion::DepthAxis => "specify it with depth_axis=PIXELS if it is known",

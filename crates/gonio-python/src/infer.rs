@@ -11,7 +11,8 @@ use gonio::reflectance::{BivariateTable, THETA_D, THETA_H};
 use gonio::scene::Circle;
 use gonio_app::regions::{self, Regions};
 use gonio_app::{
-    Alignment, Colours, InferenceResult, KnownLight, Method, Problem, ProgressLog, Search, Source, Spaces,
+    Alignment, Colours, InferenceResult, KnownLight, LightSource, Method, MirrorBall, Problem, ProgressLog, Search,
+    Source, Spaces,
 };
 use gonio_io::colour_space::ColourSpace;
 use gonio_report::panels::Panels;
@@ -37,6 +38,8 @@ pub(crate) struct Settings<'py> {
     full_rows: bool,
     grid: usize,
     light: Option<GivenPicture<'py>>,
+    mirror_ball: Option<(f64, f64, f64)>,
+    mirror_reflectance: Option<[f64; 3]>,
     align_light: String,
     absolute: bool,
     shadows: bool,
@@ -73,9 +76,20 @@ impl Settings<'_> {
             "fixed" => Alignment::Fixed,
             _ => Alignment::Near,
         };
+        if let Some((x, y, radius)) = self.mirror_ball {
+            let ball = MirrorBall {
+                circle: Circle { x, y, radius },
+                reflectance: self.mirror_reflectance.unwrap_or([1.0; 3]),
+            };
+            return Ok(Ok(Method::KnownLight(KnownLight {
+                map: LightSource::MirrorBall(ball),
+                alignment: Alignment::Fixed,
+                absolute: self.mirror_reflectance.is_some(),
+            })));
+        }
         Ok(match (self.method.as_str(), map) {
             ("known-light", Some(map)) => {
-                Ok(Method::KnownLight(KnownLight { map, alignment, absolute: self.absolute }))
+                Ok(Method::KnownLight(KnownLight { map: LightSource::Map(map), alignment, absolute: self.absolute }))
             }
             ("known-light-basis", Some(map)) => Ok(Method::KnownLightBasis(search, map)),
             ("learnt", _) => Ok(Method::Learnt),

@@ -117,6 +117,7 @@ struct GivenNormals<'py> {
     flip_y: bool,
     flip_z: bool,
     trusted: bool,
+    error: f64,
     depth: Option<GivenDepths<'py>>,
     depth_range: Option<(f64, f64)>,
     depth_along_rays: bool,
@@ -231,6 +232,8 @@ impl GivenShape<'_> {
             Form::Normals(Box::new(normals.take()?))
         } else if self.shape == "ellipsoid" {
             Form::Ellipsoid(self.depth_axis)
+        } else if self.shape == "outline" {
+            Form::Outline
         } else {
             Form::Sphere(self.circle.map(|(x, y, radius)| Circle { x, y, radius }))
         };
@@ -250,7 +253,13 @@ impl GivenNormals<'_> {
         let kind = if self.depth_along_rays { DepthKind::AlongRay } else { DepthKind::AlongAxis };
         let depth = self.depth.map(|depth| depth.source().map(|depth| Places::Depth(depth, self.depth_range, kind)));
         let positions = self.positions.map(|positions| positions.source().map(Places::Positions));
-        Ok(Normals { picture, correction, trusted: self.trusted, places: depth.or(positions).transpose()? })
+        Ok(Normals {
+            picture,
+            correction,
+            trusted: self.trusted,
+            error: self.error,
+            places: depth.or(positions).transpose()?,
+        })
     }
 }
 

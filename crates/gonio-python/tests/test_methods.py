@@ -103,6 +103,15 @@ def test_every_option_of_the_program_is_an_argument(command):
         ({"method": "paper", "grid": 8}, 'grid is for method='),
         ({"method": "paper", "shape": "blob"}, 'method="paper" requires a sphere'),
         ({"align_light": "near"}, 'align_light is for method="known-light"'),
+        ({"mirror_ball": (1, 2, 3), "method": "map"}, 'mirror_ball is for method="known-light"'),
+        ({"mirror_ball": (1, 2, 3), "light": np.ones((8, 16))}, "mirror_ball and light both describe the light"),
+        ({"mirror_ball": (1, 2, 3), "absolute": True}, "absolute is for light"),
+        ({"mirror_ball": (1, 2, 0)}, "mirror_ball: must be three numbers"),
+        ({"mirror_reflectance": 0.5}, "mirror_reflectance requires mirror_ball"),
+        ({"normals": np.ones((4, 4, 3)), "normals_error": 60}, "normals_error: must be an angle from 0 to 45 degrees"),
+        ({"normals_error": 10}, "normals_error requires normals"),
+        ({"normals": np.ones((4, 4, 3)), "normals_error": 10, "depth": np.ones((4, 4))}, "normals_error and a depth or position map"),
+        ({"shape": "outline", "normals": np.ones((4, 4, 3))}, 'shape="outline" and normals both define the shape'),
     ],
 )
 def test_rejects_arguments_that_a_method_does_not_use(small, options, message):

@@ -90,3 +90,24 @@ def test_rejects_invalid_options(options, message):
 def test_missing_files_raise_file_errors(tmp_path):
     with pytest.raises(FileNotFoundError, match="none.exr"):
         gonio.light_probe(tmp_path / "none.exr")
+
+
+def test_a_mirror_ball_in_the_photograph_gives_the_light():
+    light = gonio.studio_light(64)
+    brdf = gonio.Brdf.of(lambda h, d: 0.1 + 3.0 * np.exp(-((h / 0.15) ** 2)))
+    ball = gonio.render(brdf, light, size=160)
+    x, y = np.meshgrid((np.arange(160) - 79.5) / 70, (79.5 - np.arange(160)) / 70)
+    inside = x**2 + y**2 < 0.999
+    normal = np.dstack([x, y, np.sqrt(np.maximum(1 - x**2 - y**2, 0))])
+    seen = 2 * normal[..., 2:] * normal - np.array([0, 0, 1])
+    mirror = np.zeros((160, 160, 3), np.float32)
+    for row, column in zip(*np.nonzero(inside), strict=True):
+        mirror[row, column] = 0.6 * at(light, tuple(seen[row, column]))
+    both = np.concatenate([mirror, np.asarray(ball)[..., :3]], axis=1)
+    found = gonio.infer(both, mirror_ball=(80, 80, 70), mirror_reflectance=0.6, pictures=False)
+    assert found.notes["method"] == "known-light" and found.notes["reflectance"]["absolute"]
+    # The ball reflects 60 % at every angle, but real mirrors reflect more at the rim.
+    assert found.brdf.albedo == pytest.approx(brdf.albedo, rel=0.15)
+    assert found.notes["observations"]["circle"]["x"] == pytest.approx(240, abs=0.5)
+    # Without the ball's reflectance, the BRDF is relative.
+    assert gonio.infer(both, mirror_ball=(80, 80, 70), pictures=False).brdf.albedo == pytest.approx(0.5, rel=1e-3)

@@ -11,6 +11,10 @@ use crate::scene::{Circle, Correction};
 pub enum Suggestion {
     /// Specify the outline of the ball.
     Outline,
+    /// Check the outline of the mirror ball.
+    MirrorBall,
+    /// Inflate the outline, if the object is smooth.
+    Inflate,
     /// Specify one of these circles as the outline of the ball, the most probable first.
     OneOf(Vec<Circle>),
     /// Specify that the object is an ellipsoid.

@@ -148,6 +148,9 @@ impl SceneOptions {
         if !self.circle.is_empty() && is_ellipsoid {
             bail!("--circle is the outline of a ball; for an ellipsoid, use --mask or automatic detection");
         }
+        if !self.circle.is_empty() && matches!(self.shape, ShapeName::Outline) && !self.has_shadows() {
+            bail!("--circle is the outline of a ball; with --shape outline, use --mask or automatic detection");
+        }
         if self.circle.len() > 1 {
             if self.materials.is_some() {
                 bail!("--materials and several --circle options both define the regions; use only one of them");

@@ -15,6 +15,8 @@ pub(super) enum ShapeName {
     Sphere,
     /// An ellipsoid, seen orthographically along one of its axes
     Ellipsoid,
+    /// Any smooth object; gonio inflates a surface from its outline, which is less accurate
+    Outline,
 }
 
 /// Options that go with `--normals`.
@@ -35,6 +37,14 @@ pub(super) struct NormalOptions {
     /// Use the normals even if they fail the consistency checks
     #[arg(long, requires = "normals")]
     trust_normals: bool,
+    /// Expected error of the normals, for normals that a network predicts
+    ///
+    /// If the photograph contradicts the normals, gonio refines them. It turns them by about this
+    /// angle at most, towards normals whose pixels have the same brightness. Predicted normals have
+    /// errors of 10 to 20 degrees (docs/shapes.md).
+    #[arg(long, value_name = "DEGREES", default_value_t = 0.0, requires = "normals", value_parser = parse_error,
+          hide_default_value = true, conflicts_with_all = ["depth", "positions"])]
+    normals_error: f64,
     /// Depth map of the object, to compute self-shadowing
     ///
     /// The format is EXR, NPY or 16-bit PNG.
@@ -63,6 +73,11 @@ fn parse_order(text: &str) -> Result<ChannelOrder, String> {
         .ok_or_else(|| "expected a permutation of xyz, such as yxz or zyx".into())
 }
 
+fn parse_error(text: &str) -> Result<f64, String> {
+    let number = text.parse().ok().filter(|degrees: &f64| (0.0..=45.0).contains(degrees));
+    number.ok_or_else(|| "expected an angle from 0 to 45 degrees".into())
+}
+
 fn parse_range(text: &str) -> Result<(f64, f64), String> {
     let numbers: Result<Vec<f64>, _> = text.split(',').map(|s| s.trim().parse()).collect();
     match numbers.as_deref() {
@@ -84,6 +99,7 @@ impl NormalOptions {
                 flip_z: self.normals_flip_z,
             },
             trusted: self.trust_normals,
+            error: self.normals_error.to_radians(),
             places: depth.or_else(|| self.positions.clone().map(|path| Places::Positions(Source::File(path)))),
         }
     }
@@ -99,6 +115,7 @@ impl SceneOptions {
             (Some(picture), _) => Form::Normals(Box::new(self.normal_options.normals(picture.clone()))),
             (None, ShapeName::Sphere) => Form::Sphere(self.circle.first().copied()),
             (None, ShapeName::Ellipsoid) => Form::Ellipsoid(self.depth_axis),
+            (None, ShapeName::Outline) => Form::Outline,
         };
         Shape { camera: self.surface.camera.clone().map(Source::File), ..Shape::of(form) }
     }

@@ -152,6 +152,73 @@ fn infers_a_brdf_with_the_light() {
     assert!(off < 0.05, "{off}");
 }
 
+/// A picture of the mirror ball, with a rendered ball to its right.
+fn beside(bench: &Bench, matte: &str, light: &EnvironmentMap) -> Vec<u8> {
+    let mirror = photograph(&far(), light, 0.0);
+    let other = read(bench.path(matte), &ReadOptions::default()).unwrap().picture;
+    let rgb = Plane::from_fn(SIZE.0 + other.rgb.width(), SIZE.1, |x, y| {
+        if x < SIZE.0 {
+            mirror.rgb[(x, y)]
+        } else if y < other.rgb.height() {
+            other.rgb[(x - SIZE.0, y)]
+        } else {
+            Vec3::ZERO
+        }
+    });
+    encode_exr(&rgb, None)
+}
+
+#[test]
+fn infers_a_brdf_with_a_mirror_ball_in_the_photograph() {
+    let bench = Bench::new();
+    let light = studio_light(128);
+    bench.write("light.hdr", &encode_hdr(light.radiance()));
+    gonio_io::merl::write(bench.path("in.binary"), &merl(&material(0.1, 0.3).scaled(0.5))).unwrap();
+    bench.run("render --brdf in.binary --light light.hdr -o ball.exr --size 64").succeeds();
+    bench.write("both.exr", &beside(&bench, "ball.exr", &light));
+    let line = "infer both.exr --mirror-ball 103,94,80 --mirror-reflectance 0.6 --no-report";
+    bench.run(&format!("{line} -o out")).succeeds();
+    let result = bench.json("out/result.json");
+    assert_eq!(result["method"], "known-light");
+    assert_eq!(result["known_light"]["map"], "the mirror ball in the photograph");
+    assert_eq!(result["reflectance"]["absolute"], true);
+    assert_eq!(result["warnings"], serde_json::json!([]), "{}", result["warnings"]);
+    let circle = &result["observations"]["circle"];
+    assert!(
+        (circle["x"].as_f64().unwrap() - 232.0).abs() < 0.5 && circle["radius"].as_f64().unwrap() < 33.0,
+        "{circle}"
+    );
+    let table = |name: &str| {
+        let brdf = gonio_io::brdf::read(bench.path(name)).unwrap();
+        BivariateTable::luminance(&[0, 1, 2].map(|c| brdf.bivariate(c)))
+    };
+    let (found, truth) = (table("out/brdf.npz"), table("in.binary"));
+    let ratio = found.normal_albedo() / truth.normal_albedo();
+    // The light map from a ball of 80 pixels is blurred.
+    assert!((ratio - 1.0).abs() < 0.1, "absolute albedo: {ratio}");
+    // Without a reflectance, the scale is unknown.
+    bench.run("infer both.exr --mirror-ball 103,94,80 --no-report -o grey").succeeds();
+    let result = bench.json("grey/result.json");
+    assert_eq!(
+        (&result["reflectance"]["absolute"], &result["reflectance"]["normal_albedo"]),
+        (&false.into(), &0.5.into())
+    );
+    // A circle far from the mirror ball.
+    bench
+        .run("infer both.exr --mirror-ball 900,94,80 -o wrong")
+        .fails(&["both.exr: mirror ball: ", "check --mirror-ball"]);
+    bench
+        .run("infer both.exr --mirror-ball 103,94,80 --method map -o wrong")
+        .fails(&["--mirror-ball is for --method known-light"]);
+    bench
+        .run("infer both.exr --mirror-ball 103,94,80 --shape outline -o wrong")
+        .fails(&["requires a mask of the object"]);
+    bench
+        .run("infer both.exr --mirror-ball 103,94,80 --circle 104,94,70 -o wrong")
+        .fails(&["the mirror ball is a part of the object"]);
+    assert!(!bench.path("wrong").exists());
+}
+
 #[test]
 fn warns_about_clipped_and_matte_balls() {
     let bench = bench();

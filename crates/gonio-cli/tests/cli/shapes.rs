@@ -189,6 +189,44 @@ fn renders_and_infers_a_posed_mesh() {
 }
 
 #[test]
+fn inflates_outlines() {
+    let bench = Bench::with_light_and_material();
+    let render = "render --brdf in.binary --light light.hdr --size 96 --tolerance 1";
+    bench.run(&format!("{render} -o ball.exr")).succeeds();
+    bench.run(&format!("{render} --mesh bunny -o bunny.exr")).succeeds();
+    let gloss = |line: &str| {
+        bench.run(&format!("infer {line} --grid 8 --no-report -o out")).succeeds();
+        let result = bench.json("out/result.json");
+        (result["posterior"]["gloss"]["50"].as_f64().unwrap(), result["observations"]["shape"].clone())
+    };
+    // The inflated outline of a ball is the ball.
+    let (as_ball, _) = gloss("ball.exr");
+    let (as_outline, shape) = gloss("ball.exr --shape outline");
+    assert!((as_outline / as_ball).ln().abs() < 0.4, "{as_ball} {as_outline}");
+    assert!(shape["outline"]["depth_factor"].as_f64().unwrap() > 0.97, "{shape}");
+    let (_, shape) = gloss("bunny.exr --shape outline");
+    // The picture of the normals is a normal map.
+    let inflated = gonio_io::normals::read_normals(bench.path("out/normals.png")).unwrap();
+    assert!((inflated[(48, 60)].length() - 1.0).abs() < 0.02 && inflated[(0, 0)] == Vec3::ZERO);
+    bench.run("infer bunny.exr --normals out/normals.png --grid 8 --no-report -o again").succeeds();
+    assert!(!bench.path("again/normals.png").exists());
+    assert!((0.7..0.97).contains(&shape["outline"]["depth_factor"].as_f64().unwrap()), "{shape}");
+    let said = bench.run("check bunny.exr --shape outline").succeeds().stdout;
+    assert!(said.contains("surface inflated from the outline"), "{said}");
+    bench.write("camera.json", br#"{"projection": "perspective", "focal_pixels": 400}"#);
+    for (line, problem) in [
+        ("--shape outline --circle 48,48,40", "--circle is the outline of a ball"),
+        ("--shape outline --camera camera.json", "outline and camera cannot be combined"),
+        ("--normals n.exr --normals-error 50", "expected an angle from 0 to 45 degrees"),
+        ("--normals n.exr --normals-error 5 --depth d.exr", "cannot be used with"),
+        ("--shape outline --materials bunny.exr", "an outline cannot be inflated for each region"),
+    ] {
+        bench.run(&format!("infer bunny.exr {line} -o none")).fails(&[problem]);
+    }
+    assert!(!bench.path("none").exists());
+}
+
+#[test]
 fn rejects_invalid_shapes() {
     let bench = with_bowl();
     let ply = bench.read("bowl.ply");

@@ -39,6 +39,9 @@ pub(crate) struct Options {
     /// Use the known lights of each photograph, like `gonio infer --light`
     #[arg(long)]
     lit: bool,
+    /// Inflate the shape from the mask, like `gonio infer --shape outline`
+    #[arg(long)]
+    outline: bool,
     /// Folder for `captured.csv`, `captured.json` and pictures in `captured.html`
     #[arg(short, long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -64,7 +67,7 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
         }
         let object = Captured::read(&folder)?;
         let study = study::Study::new(&object).with_context(|| folder.display().to_string())?;
-        let (answers, without) = study.answers(&model, options.lit);
+        let (answers, without) = study.answers(&model, study::Given { normals: !options.outline, light: options.lit });
         refused.extend(without);
         if options.out.is_some() {
             sections.push(page::section(&object, &answers));

@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use anyhow::{Result, bail};
 use gonio::estimate::{
-    Alignment, Colouring, ColouringRule, Diagnostic, Estimate, EstimateSettings, LitEstimate, Material,
+    Alignment, CONTRADICTED, Colouring, ColouringRule, Diagnostic, Estimate, EstimateSettings, LitEstimate, Material,
     estimate as estimate_blind, estimate_under,
 };
 use gonio::model::Model;
@@ -67,6 +67,15 @@ impl Record {
     }
 }
 
+/// Inputs of an estimate besides photograph and mask.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Given {
+    /// The scanned normals; otherwise, the shape is inflated from the mask.
+    pub(super) normals: bool,
+    /// The lights of the photograph.
+    pub(super) light: bool,
+}
+
 /// A record and the estimated material.
 pub(super) struct Answer {
     pub(super) record: Record,
@@ -123,12 +132,12 @@ impl<'a> Study<'a> {
     /// Returns the estimates from all photographs, in order, and the error messages of photographs
     /// without an estimate.
     ///
-    /// With `lit`, the estimates use the known lights of each photograph.
-    pub(super) fn answers(&self, model: &Model, lit: bool) -> (Vec<Answer>, Vec<String>) {
+    /// `given` are the inputs of the estimates besides photograph and mask.
+    pub(super) fn answers(&self, model: &Model, given: Given) -> (Vec<Answer>, Vec<String>) {
         let (mut answers, mut refused) = (Vec::new(), Vec::new());
         for (seen, photograph) in self.object.photographs.iter().enumerate() {
             let title = format!("{}, {}", self.object.name, photograph.name);
-            match self.answer(seen, model, lit) {
+            match self.answer(seen, model, given) {
                 Ok(answer) => {
                     eprintln!("{title}: {:.1} s", answer.record.seconds);
                     answers.push(answer);
@@ -148,9 +157,9 @@ impl<'a> Study<'a> {
         Several::of(&self.object.name, &self.cells, model, &ones)
     }
 
-    fn answer(&self, seen: usize, model: &Model, lit: bool) -> Result<Answer> {
+    fn answer(&self, seen: usize, model: &Model, given: Given) -> Result<Answer> {
         let start = Instant::now();
-        let found = estimate(self.object, seen, model, lit)?;
+        let found = estimate(self.object, seen, model, given)?;
         let record = self.record(seen, &found, start.elapsed().as_secs_f64())?;
         Ok(Answer { record, material: found.material })
     }
@@ -188,27 +197,38 @@ struct Found {
     median: Colouring,
 }
 
-/// Estimates as the program does with `--normals normal.exr --mask mask.png`, and with `--light` if
-/// `lit`.
-fn estimate(object: &Captured, seen: usize, model: &Model, lit: bool) -> Result<Found> {
-    let normals = NormalPicture { normals: object.normals.clone(), camera: None, relief: None, trusted: false };
-    let detection = Detection::of(
+/// Estimates as the program does with `--mask mask.png`. With `given`, it also has the options
+/// `--normals normal.exr` or `--shape outline`, and `--light`.
+fn estimate(object: &Captured, seen: usize, model: &Model, given: Given) -> Result<Found> {
+    let normals =
+        || NormalPicture { normals: object.normals.clone(), camera: None, relief: None, trusted: false, error: 0.0 };
+    let mut detection = Detection::of(
         &object.photographs[seen].picture,
         Some(object.mask.clone()),
-        Object::Normals(Box::new(normals)),
+        if given.normals { Object::Normals(Box::new(normals())) } else { Object::Outline },
         &ObservationSettings::default(),
     )?;
-    let median = |table: &BivariateTable| Colouring::of(model, &detection.observations, table, &ColouringRule::Median);
-    if lit {
+    let median = |detection: &Detection, table: &BivariateTable| {
+        Colouring::of(model, &detection.observations, table, &ColouringRule::Median)
+    };
+    if given.light {
         let map = map_of(&object.photographs[seen].lights)?;
         let given = (&map, Alignment::Near);
         let found = estimate_under(model, &detection.observations, given, &ColouringRule::default(), &|_| ())?;
-        let (diagnostics, median) = (found.diagnostics(), median(&found.material.table));
+        let (diagnostics, median) = (found.diagnostics(), median(&detection, &found.material.table));
         let LitEstimate { material, misfit, colouring, .. } = found;
         return Ok(Found { material, misfit, diagnostics, colouring, median });
     }
-    let found = estimate_blind(model, &detection.observations, &EstimateSettings::default(), &|_| ())?;
-    let (diagnostics, median) = (found.diagnostics(), median(&found.material.table));
+    let mut found = estimate_blind(model, &detection.observations, &EstimateSettings::default(), &|_| ())?;
+    if found.light.misfit > CONTRADICTED
+        && let Some(refined) = detection.refined(&object.photographs[seen].picture)
+    {
+        let other = estimate_blind(model, &refined.observations, &EstimateSettings::default(), &|_| ())?;
+        if other.light.misfit < found.light.misfit {
+            (found, detection) = (other, refined);
+        }
+    }
+    let (diagnostics, median) = (found.diagnostics(), median(&detection, &found.material.table));
     let Estimate { material, light, colouring, .. } = found;
     Ok(Found { material, misfit: light.misfit, diagnostics, colouring, median })
 }

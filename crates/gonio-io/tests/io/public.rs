@@ -115,7 +115,7 @@ fn a_flat_background_of_a_normal_map_is_ignored() {
     let mask = read_mask(file("mask.png")).unwrap();
     let detect = |mask: Option<Plane<f32>>| {
         let normals = normals::read_normals(file("normals-flat-background.png")).unwrap();
-        let view = NormalPicture { normals, camera: None, relief: None, trusted: false };
+        let view = NormalPicture { normals, camera: None, relief: None, trusted: false, error: 0.0 };
         Detection::of(&picture, mask, Object::Normals(Box::new(view)), &ObservationSettings::default()).unwrap()
     };
     let (alone, masked) = (detect(None), detect(Some(mask.clone())));

@@ -68,6 +68,21 @@ def circle(value: object, name: str = "circle") -> tuple[float, float, float]:
     return x, y, radius
 
 
+def shares(given: object, name: str) -> tuple[float, float, float]:
+    """Returns the reflectance of each channel, above 0 and at most 1."""
+    what = "one number above 0 and at most 1, or three"
+    try:
+        values = numbers(given, name, what) if np.ndim(given) else [number(given, name)] * 3  # type: ignore[arg-type]
+    except TypeError:
+        raise TypeError(f"{name}: must be {what}, not {shown(given)}") from None
+    if len(values) == 1:
+        values *= 3
+    if len(values) != 3:
+        raise GonioError(f"{name}: must be {what}")
+    red, green, blue = values
+    return red, green, blue
+
+
 def flag(value: object, name: str) -> bool:
     """Returns a bool."""
     if not isinstance(value, (bool, np.bool_)):

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypedDict, cast, overload
 from . import _gonio
 from ._arguments import Camera, Path, Photograph, Picture, Progress, Shape, is_path
 from ._arrays import light_map, name_of
-from ._checks import choice, flag, listener, numbers, shown, space, space_if_given, whole
+from ._checks import choice, circle, flag, listener, numbers, shares, shown, space, space_if_given, whole
 from ._errors import GonioError, GonioWarning
 from ._gonio import Model
 from ._posterior import BasisPosterior, Posterior
@@ -80,6 +80,7 @@ class Options(TypedDict, total=False):
     normals_flip_y: bool
     normals_flip_z: bool
     trust_normals: bool
+    normals_error: float
     depth: Picture | None
     depth_range: tuple[float, float] | None
     depth_along_rays: bool
@@ -89,6 +90,8 @@ class Options(TypedDict, total=False):
     camera: Camera | None
     pose: Camera | None
     light: Picture | None
+    mirror_ball: tuple[float, float, float] | None
+    mirror_reflectance: float | tuple[float, float, float] | None
     align_light: str | None
     absolute: bool
     shadows: bool
@@ -146,6 +149,7 @@ def infer(
     normals_flip_y: bool = False,
     normals_flip_z: bool = False,
     trust_normals: bool = False,
+    normals_error: float = 0.0,
     depth: Picture | None = None,
     depth_range: tuple[float, float] | None = None,
     depth_along_rays: bool = False,
@@ -155,6 +159,8 @@ def infer(
     camera: Camera | None = None,
     pose: Camera | None = None,
     light: Picture | None = None,
+    mirror_ball: tuple[float, float, float] | None = None,
+    mirror_reflectance: float | tuple[float, float, float] | None = None,
     align_light: str | None = None,
     absolute: bool = False,
     shadows: bool = True,
@@ -190,8 +196,8 @@ def infer(
         arrays are copied; uint8 and uint16 are decoded as sRGB. A list of paths contains the
         exposures of one scene, which are merged.
     shape : str, path, array or pair of arrays, default "sphere"
-        ``"sphere"`` or ``"ellipsoid"``, fitted to the outline; a mesh file (OBJ, PLY, glTF); a
-        built-in mesh, ``"blob"``, ``"bunny"`` or ``"bowl"``; (vertices, faces) as arrays; or an array
+        ``"sphere"`` or ``"ellipsoid"``, fitted to the outline; or ``"outline"``, a smooth surface inflated
+        from the outline. It can also be a mesh file (OBJ, PLY, glTF); a built-in mesh, ``"blob"``, ``"bunny"`` or ``"bowl"``; (vertices, faces) as arrays; or an array
         of normals as for ``normals``.
     mask : path or array, optional
         Mask of the object, from 0 to 1, shape (height, width). By default, the object is detected by
@@ -241,6 +247,10 @@ def infer(
         The x axis of the normals points left, y down (as in DirectX), z away from the camera.
     trust_normals : bool, default False
         Use the normals even if they fail the consistency checks.
+    normals_error : float, default 0
+        Expected error of the normals in degrees, at most 45, for normals that a network predicts. If
+        the photograph contradicts them, they are turned by about this angle at most, towards normals
+        whose pixels have the same brightness.
     depth : path or array, optional
         Depth map of the object, shape (height, width), in units of the camera, to compute
         self-shadowing; 0 or NaN marks pixels without a surface. It requires ``normals``.
@@ -261,6 +271,12 @@ def infer(
     light : path or array, optional
         Known light: a lat-long map in camera coordinates, shape (height, 2 height, 3), or a text file
         of directional lights. A known light narrows the intervals considerably.
+    mirror_ball : (x, y, radius), optional
+        Outline of a mirror ball in the photograph, in pixels, from which the light is measured. It must
+        be beside the object. A ball beside it is detected; another object requires ``mask``.
+    mirror_reflectance : float or three floats, optional
+        Reflectance of the mirror ball at normal incidence; chrome has about 0.55. With it, the BRDF
+        is absolute. By default, the ball is grey and the scale of the BRDF is unknown.
     align_light : {"near", "around", "fixed"}, optional
         Rotations of the light map to search: a few degrees about any axis (default), additionally
         any angle about the vertical, or none.
@@ -363,6 +379,7 @@ def prepared(options: dict[str, Any]) -> tuple[GivenScene, Settings, Model, list
         if options["light"] is not None:
             raise GonioError("light_color and light both specify the colour of the light; use only one of them")
     light = options["light"]
+    ball, reflectance = mirror_of(options)
     report = flag(options["report"], "report")
     settings: Settings = {
         "method": method,
@@ -371,6 +388,8 @@ def prepared(options: dict[str, Any]) -> tuple[GivenScene, Settings, Model, list
         "solver": choice(options["solver"] or "blocks", "solver", ("blocks", "parallel", "printed")),
         "full_rows": flag(options["full_rows"], "full_rows"),
         "light": None if light is None else light_map(light, said),
+        "mirror_ball": ball,
+        "mirror_reflectance": reflectance,
         "align_light": choice(options["align_light"] or "near", "align_light", ("near", "around", "fixed")),
         "absolute": flag(options["absolute"], "absolute"),
         "grid": 32 if options["grid"] is None else whole(options["grid"], "grid"),
@@ -396,12 +415,30 @@ def model_of(given: Model | Path | None) -> Model:
     return read_model(given)
 
 
+def mirror_of(options: dict[str, Any]) -> tuple[tuple[float, float, float] | None, tuple[float, float, float] | None]:
+    """Returns the outline and the reflectance of the mirror ball."""
+    ball, given = options["mirror_ball"], options["mirror_reflectance"]
+    if ball is None:
+        if given is not None:
+            raise GonioError("mirror_reflectance requires mirror_ball")
+        return None, None
+    for other in ("light", "light_color", "align_light"):
+        if options[other] is not None:
+            raise GonioError(f"mirror_ball and {other} both describe the light; use only one of them")
+    if options["absolute"]:
+        raise GonioError("absolute is for light; with a mirror ball, specify mirror_reflectance")
+    reflectance = None if given is None else shares(given, "mirror_reflectance")
+    return circle(ball, "mirror_ball"), reflectance
+
+
 def method_of(options: dict[str, Any]) -> str:
     """Returns the given method, or the default."""
-    has_light = options["light"] is not None
+    has_light = options["light"] is not None or options["mirror_ball"] is not None
     if options["method"] is None:
         return "known-light" if has_light else "learnt"
     method = choice(options["method"], "method", METHODS)
+    if options["mirror_ball"] is not None and method != "known-light":
+        raise GonioError(f'mirror_ball is for method="known-light"; method "{method}" does not use it')
     if method.startswith("known-light") != has_light:
         if has_light:
             raise GonioError('light is for method="known-light" and "known-light-basis"; the other methods estimate the light')

@@ -60,7 +60,8 @@ class OfPhotograph(Result):
 
         The names are photograph, observed (sample points), reproduction, residual, light, summary and
         uncertainty. Spheres show the BRDF in built-in lights; the first of them is named relit. If
-        pixels are ignored, used shows them with the reasons.
+        pixels are ignored, used shows them with the reasons. If the normals are inflated from the
+        outline or refined, normals shows them as colours.
         """
         return self._found["pictures"]
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from . import _gonio
 from ._arguments import Camera, Path, Photograph, Picture, Progress
-from ._checks import listener, number, numbers, shown, space, whole
+from ._checks import listener, number, shares, space, whole
 from ._errors import GonioError, GonioWarning
 from ._files import write_image
 from ._scene import given_scene
@@ -159,7 +159,7 @@ def light_probe(
         return given_scene(given, {**reading, **own}, said, unnamed)
 
     settings: ProbeSettings = {
-        "reflectance": shares(reflectance),
+        "reflectance": shares(reflectance, "reflectance"),
         "rows": None if rows is None else int(rows),
         "second_yaw": None if second_yaw is None else number(second_yaw, "second_yaw"),
     }
@@ -170,18 +170,3 @@ def light_probe(
     for message in said:
         warnings.warn(message, GonioWarning, stacklevel=2)
     return LightProbe(light, seen, drawn, json.loads(notes), said, written)
-
-
-def shares(given: object) -> tuple[float, float, float]:
-    """Returns the reflectance of each channel."""
-    what = "one number above 0 and at most 1, or three"
-    try:
-        values = numbers(given, "reflectance", what) if np.ndim(given) else [number(given, "reflectance")] * 3  # type: ignore[arg-type]
-    except TypeError:
-        raise TypeError(f"reflectance: must be {what}, not {shown(given)}") from None
-    if len(values) == 1:
-        values *= 3
-    if len(values) != 3:
-        raise GonioError(f"reflectance: must be {what}")
-    red, green, blue = values
-    return red, green, blue

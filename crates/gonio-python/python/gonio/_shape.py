@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ._arguments import Array, Camera, Path, is_path
 from ._arrays import array_of, doubles, floats
-from ._checks import choice, circle, flag, numbers, positive, shown
+from ._checks import choice, circle, flag, number, numbers, positive, shown
 from ._errors import GonioError
 from ._types import Doubles, Floats, GivenNormals, GivenShape
 
@@ -28,6 +28,7 @@ FORM: dict[str, Any] = {
     "normals_flip_y": False,
     "normals_flip_z": False,
     "trust_normals": False,
+    "normals_error": 0.0,
     "depth": None,
     "depth_range": None,
     "depth_along_rays": False,
@@ -40,7 +41,7 @@ FORM: dict[str, Any] = {
 """Arguments for the shape, with their defaults."""
 
 OF_NORMALS = (
-    "normals_order", "normals_flip_x", "normals_flip_y", "normals_flip_z", "trust_normals", "depth", "depth_range", "depth_along_rays",
+    "normals_order", "normals_flip_x", "normals_flip_y", "normals_flip_z", "trust_normals", "normals_error", "depth", "depth_range", "depth_along_rays",
     "positions",
 )
 """Arguments that require normals."""
@@ -97,9 +98,9 @@ def told(said: Mapping[str, Any]) -> tuple[str, str | tuple[Doubles, NDArray[np.
     given, normals = said["shape"], said["normals"]
     if is_path(given):
         text = os.fspath(given)
-        if text in ("sphere", "ellipsoid"):
-            if normals is not None and text == "ellipsoid":
-                raise GonioError("an ellipsoid and normals both define the shape; use only one of them")
+        if text in ("sphere", "ellipsoid", "outline"):
+            if normals is not None and text != "sphere":
+                raise GonioError(f'shape="{text}" and normals both define the shape; use only one of them')
             return text, None, normals
         if normals is not None:
             raise GonioError("a mesh and normals both define the shape; use only one of them")
@@ -109,21 +110,32 @@ def told(said: Mapping[str, Any]) -> tuple[str, str | tuple[Doubles, NDArray[np.
             raise GonioError("a mesh and normals both define the shape; use only one of them")
         return "mesh", triangles(given[0], given[1]), None
     if given is None:
-        raise TypeError('shape: must be "sphere", "ellipsoid", a mesh file, (vertices, faces) or normals, not None')
+        raise TypeError('shape: must be "sphere", "ellipsoid", "outline", a mesh file, (vertices, faces) or normals, not None')
     if normals is not None:
         raise GonioError("shape and normals are both normal maps; use only one of them")
     return "sphere", None, given
 
 
+def degrees(error: object) -> float:
+    """Checks the expected error of normals."""
+    angle = number(error, "normals_error")
+    if not 0 <= angle <= 45:
+        raise GonioError(f"normals_error: must be an angle from 0 to 45 degrees, not {angle}")
+    return angle
+
+
 def given_normals(normals: Any, said: Mapping[str, Any]) -> GivenNormals | None:
     """Converts a normal map and its conventions."""
     if normals is None:
-        given = [key for key in OF_NORMALS if said[key] is not FORM[key] and not (isinstance(said[key], str) and said[key] == FORM[key])]
+        # Arrays are never the default; scalars are compared by value.
+        given = [key for key in OF_NORMALS if said[key] is not FORM[key] and (not np.isscalar(said[key]) or said[key] != FORM[key])]
         if given:
             raise GonioError(f"{given[0]} requires normals; specify them with normals=")
         return None
     if said["depth"] is None and (said["depth_range"] is not None or said["depth_along_rays"]):
         raise GonioError("depth_range and depth_along_rays require depth=")
+    if said["normals_error"] and (said["depth"] is not None or said["positions"] is not None):
+        raise GonioError("normals_error and a depth or position map cannot be combined: the shadows would not match the refined normals")
     if said["depth"] is not None and said["positions"] is not None:
         raise GonioError("depth and positions both define the surface; use only one of them")
     ends = None
@@ -139,6 +151,7 @@ def given_normals(normals: Any, said: Mapping[str, Any]) -> GivenNormals | None:
         "flip_y": flag(said["normals_flip_y"], "normals_flip_y"),
         "flip_z": flag(said["normals_flip_z"], "normals_flip_z"),
         "trusted": flag(said["trust_normals"], "trust_normals"),
+        "error": float(np.radians(degrees(said["normals_error"]))),
         "depth": depths(said["depth"], ends),
         "depth_range": ends,
         "depth_along_rays": flag(said["depth_along_rays"], "depth_along_rays"),

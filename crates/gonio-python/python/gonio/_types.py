@@ -37,6 +37,7 @@ class GivenNormals(TypedDict):
     flip_y: bool
     flip_z: bool
     trusted: bool
+    error: float
     depth: str | Doubles | None
     depth_range: tuple[float, float] | None
     depth_along_rays: bool
@@ -110,6 +111,8 @@ class Settings(TypedDict):
     full_rows: bool
     grid: int
     light: str | Floats | None
+    mirror_ball: tuple[float, float, float] | None
+    mirror_reflectance: tuple[float, float, float] | None
     align_light: str
     absolute: bool
     shadows: bool

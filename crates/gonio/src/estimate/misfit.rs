@@ -33,6 +33,10 @@ const UNRESOLVED: f64 = 0.7;
 /// from texture, shadows or misaligned normals, and must not raise the expected residual.
 pub(super) const MAX_NOISE: f64 = 0.1;
 
+/// Misfit above which inaccurate normals are refined
+/// ([`Detection::refined`](crate::scene::Detection::refined)).
+pub const CONTRADICTED: f64 = 0.2;
+
 /// Residual above which an estimate is refused: light and material then explain less than three
 /// quarters of the energy of the photograph.
 pub const MAX_MISFIT: f64 = 0.5;

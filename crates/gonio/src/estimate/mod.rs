@@ -33,7 +33,7 @@ pub use highlight::{Finish, Highlight, WIDE};
 pub use known_light::{LitEstimate, estimate_under};
 pub use light::{Light, LightEstimator};
 pub use material::{ALBEDO, Material, SHARES, draws, predictive_draws};
-pub use misfit::{MAX_MISFIT, Reason, expected_misfit};
+pub use misfit::{CONTRADICTED, MAX_MISFIT, Reason, expected_misfit};
 pub use together::{Beside, estimate_together, irradiance};
 
 use crate::inference::ProductError;

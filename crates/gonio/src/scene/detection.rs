@@ -2,15 +2,20 @@
 
 use glam::{DVec3, Vec3};
 
+use super::circle::outline;
+use super::components::{flood, largest_component};
+use super::consistency::refined;
 use super::flat_background::flat_background;
-use super::observed::check_size;
+use super::observed::{COVERED, check_size};
 use super::spot::spot;
+use super::view::has_normal;
 use super::{
-    Circle, Ellipse, ObservationSettings, Observations, Orientation, SceneError, SceneWarning, Sureness, SurfaceView,
-    coverage_of, find_ball, find_ellipse, outlined,
+    Circle, Ellipse, ObservationSettings, Observations, Orientation, PixelStatus, SceneError, SceneWarning, Sureness,
+    SurfaceView, coverage_of, find_ball, find_ellipse, outlined,
 };
-use crate::picture::{Picture, Plane};
-use crate::shape::{Camera, GeometryBuffer, Mesh, PosedSurface, Projection, Soundness, Tracer};
+use crate::appearance::scatter;
+use crate::picture::{Picture, Plane, luminance};
+use crate::shape::{Camera, GeometryBuffer, Inflation, Mesh, PosedSurface, Projection, Soundness, Tracer};
 use crate::sphere::OctahedralMap;
 
 /// Length of an edge of a position mesh, relative to the median, above which the edge is a step.
@@ -23,6 +28,11 @@ const GOOD_OVERLAP: f64 = 0.97;
 /// Width in pixels of a rim around the object that may differ without misalignment: small objects
 /// are mostly rim.
 const RIM: f64 = 1.5;
+
+/// Scatter of pixels that share a normal above which inaccurate normals are refined.
+const CONSISTENT: f32 = 0.05;
+/// Expected error of inflated normals, in radians: 20 degrees.
+const INFLATED: f64 = 0.35;
 
 /// Share of outliers above which a warning reports them; sensor defects cause fewer.
 const FEW_OUTLIERS: f64 = 0.001;
@@ -44,6 +54,8 @@ pub enum Object {
     /// A distant ellipsoid with one axis towards the camera, and the length of that semi-axis in
     /// pixels; `None` assumes the geometric mean of the two visible semi-axes.
     Ellipsoid(Option<f64>),
+    /// A distant smooth object of unknown shape, inflated from its outline ([`Inflation`]).
+    Outline,
     /// A surface in front of a camera.
     Surface(PosedSurface),
     /// Any shape, given by a normal map.
@@ -61,6 +73,8 @@ pub struct NormalPicture {
     pub relief: Option<PositionMap>,
     /// Whether to skip the consistency checks of the normals.
     pub trusted: bool,
+    /// Expected error of the normals, in radians; zero for measured normals.
+    pub error: f64,
 }
 
 /// Shape of the object, detected or given.
@@ -74,6 +88,8 @@ pub enum Found {
     Ball(DVec3),
     /// Outline of an ellipsoid and the length of its semi-axis towards the camera, in pixels.
     Ellipse(Ellipse, f64),
+    /// A surface inflated from its outline, with its depth factor ([`Inflation::depth`]).
+    Outline(f64),
     /// A given surface.
     Surface,
     /// Given normals, and the soundness of their relief.
@@ -92,13 +108,28 @@ pub struct Detection {
     pub sureness: Option<Sureness>,
     /// Normals of the object, unless it is a distant ball.
     pub normals: Option<Plane<Vec3>>,
+    /// Whether the normals are inflated from the outline, or refined.
+    pub estimated_normals: bool,
     /// The surface and its camera, if known.
     pub placed: Option<PosedSurface>,
+    /// Width and height of the picture.
+    size: (usize, usize),
+    /// How the normals were observed, if they are inaccurate.
+    inaccurate: Option<Inaccurate>,
     /// Number of pixels that show the surface, and number of those that are back-facing, if a
     /// surface was traced.
     pub pixels: Option<(usize, usize)>,
     /// Warnings.
     pub scene_warnings: Vec<SceneWarning>,
+}
+
+/// Observation of a surface with inaccurate normals.
+#[derive(Clone, Debug)]
+struct Inaccurate {
+    /// Expected error of a normal, in radians.
+    error: f64,
+    camera: Option<Camera>,
+    settings: ObservationSettings,
 }
 
 impl Detection {
@@ -154,6 +185,7 @@ impl Detection {
                 }
                 detection
             }
+            Object::Outline => looker(Some(outlined(picture, mask.as_ref())?)).inflated()?,
             Object::Surface(placed) => known().surface(placed, Found::Surface)?,
             Object::Normals(view) => known().normals(*view)?,
         };
@@ -182,6 +214,56 @@ impl Detection {
         Ok(detection)
     }
 
+    /// Refines inaccurate normals by the brightness of the pixels. Normals are inaccurate if they
+    /// are inflated from an outline, or if their map has an [error](NormalPicture::error) and no
+    /// relief.
+    ///
+    /// Use it if the misfit of an estimate shows that the normals are wrong
+    /// ([`CONTRADICTED`](crate::estimate::CONTRADICTED)), and keep the estimate with the smaller
+    /// misfit. Returns `None` for accurate normals, and if too few pixels remain.
+    #[must_use]
+    pub fn refined(&self, picture: &Picture) -> Option<Self> {
+        let (Some(Inaccurate { error, camera, settings }), Some(normals)) = (&self.inaccurate, &self.normals) else {
+            return None;
+        };
+        let statuses = self.observations.statuses.as_ref();
+        let brightness = Plane::from_fn(normals.width(), normals.height(), |x, y| {
+            let is_used = statuses.is_none_or(|statuses| statuses[(x, y)] == PixelStatus::Used);
+            let is_covered = self.coverage.as_ref().is_none_or(|coverage| coverage[(x, y)] >= COVERED);
+            let faces = has_normal(normals[(x, y)]) && f64::from(normals[(x, y)].z) > settings.max_angle.cos();
+            let value = luminance(picture.rgb[(x, y)]);
+            (is_used && is_covered && faces && value.is_finite()).then_some(value)
+        });
+        let normals = refined(normals, &brightness, *error);
+        let view = SurfaceView { normals: &normals, camera: camera.as_ref(), distances: None };
+        let observations = Observations::of_view(picture, &view, self.coverage.as_ref(), settings).ok()?;
+        Some(Self {
+            observations,
+            coverage: self.coverage.clone(),
+            found: self.found.clone(),
+            sureness: self.sureness,
+            normals: Some(normals),
+            estimated_normals: true,
+            size: self.size,
+            placed: None,
+            inaccurate: None,
+            pixels: self.pixels,
+            scene_warnings: self.scene_warnings.clone(),
+        })
+    }
+
+    /// Refines inaccurate normals if pixels that share a normal differ in brightness.
+    fn made_consistent(self, picture: &Picture) -> Self {
+        let scattered = |detection: &Self| scatter(&detection.observations.samples()).unwrap_or(0.0);
+        if self.inaccurate.is_none() || scattered(&self) <= CONSISTENT {
+            return self;
+        }
+        match self.refined(picture) {
+            Some(refined) if scattered(&refined) < scattered(&self) => refined,
+            _ => self,
+        }
+    }
+
     /// Computes self-shadowing if the detection has a surface ([`Observations::shadowed_by`]).
     ///
     /// # Errors
@@ -191,6 +273,16 @@ impl Detection {
             Some(placed) => self.observations.shadowed_by(placed.surface.as_ref(), &placed.camera, grid, progress),
             None => Ok(()),
         }
+    }
+
+    /// Whether [`Self::refined`] refined the normals.
+    pub fn is_refined(&self) -> bool {
+        self.estimated_normals && self.inaccurate.is_none()
+    }
+
+    /// Returns the width and height of the picture.
+    pub fn size(&self) -> (usize, usize) {
+        self.size
     }
 
     /// Whether the middle of a pixel lies on the object.
@@ -255,8 +347,26 @@ impl Detector<'_> {
         })
     }
 
+    /// Observes the surface that is inflated from the coverage.
+    fn inflated(self) -> Result<Detection, SceneError> {
+        let inside = self.coverage.as_ref().map(solid).transpose()?;
+        let inflation = inside.as_ref().and_then(Inflation::of).ok_or(SceneError::NoOutline)?;
+        let normals = inflation.normals();
+        let view = SurfaceView { normals: &normals, camera: None, distances: None };
+        let observations = Observations::of_view(self.picture, &view, self.coverage.as_ref(), self.settings)?;
+        let inaccurate = Some(Inaccurate { error: INFLATED, camera: None, settings: *self.settings });
+        let picture = self.picture;
+        let detection = Detection {
+            normals: Some(normals),
+            estimated_normals: true,
+            inaccurate,
+            ..self.detection(observations, Found::Outline(inflation.depth()))
+        };
+        Ok(detection.made_consistent(picture))
+    }
+
     fn normals(self, view: NormalPicture) -> Result<Detection, SceneError> {
-        let NormalPicture { mut normals, camera, relief, trusted } = view;
+        let NormalPicture { mut normals, camera, relief, trusted, error } = view;
         let mut scene_warnings = Vec::new();
         if self.coverage.is_none()
             && let Some(background) = flat_background(&normals)
@@ -276,12 +386,17 @@ impl Detector<'_> {
         let view = SurfaceView { normals: &normals, camera: camera.as_ref(), distances: None };
         let observations = Observations::of_view(self.picture, &view, self.coverage.as_ref(), self.settings)?;
         let (placed, soundness) = relief.map(|relief| self.relief(relief, camera.is_none())).transpose()?.unzip();
-        Ok(Detection {
+        // Shadows of a relief belong to its normals.
+        let is_inaccurate = error > 0.0 && placed.is_none();
+        let picture = self.picture;
+        let detection = Detection {
             normals: Some(normals),
             placed,
+            inaccurate: is_inaccurate.then_some(Inaccurate { error, camera, settings: *self.settings }),
             scene_warnings,
             ..self.detection(observations, Found::Normals(soundness))
-        })
+        };
+        Ok(detection.made_consistent(picture))
     }
 
     /// Builds the surface of a position map, cut to the object.
@@ -307,11 +422,32 @@ impl Detector<'_> {
             found,
             sureness: None,
             normals: None,
+            estimated_normals: false,
+            size: self.picture.rgb.size(),
             placed: None,
+            inaccurate: None,
             pixels: None,
             scene_warnings: Vec::new(),
         }
     }
+}
+
+/// Returns the pixels of the largest part of a coverage. Holes of at most a thousandth of its
+/// pixels are filled: they are faults of the mask.
+///
+/// # Errors
+/// Those of the outline of a coverage, for example if it covers nothing or everything.
+fn solid(coverage: &Plane<f32>) -> Result<Plane<bool>, SceneError> {
+    outline(coverage)?;
+    let (part, count) = largest_component(coverage.size(), |at| coverage[at] >= 0.5).ok_or(SceneError::NoOutline)?;
+    let is_hole = |at: (usize, usize)| !part[at];
+    let (mut seen, mut filled) = (part.clone(), part.clone());
+    for at in (0..part.width() * part.height()).map(|i| (i % part.width(), i / part.width())) {
+        if !seen[at] && 1000 * flood(&mut seen, [at], true, is_hole) <= count {
+            flood(&mut filled, [at], true, is_hole);
+        }
+    }
+    Ok(filled)
 }
 
 /// Overlap of a mask and the silhouette of a surface.
@@ -393,5 +529,18 @@ mod tests {
             refused.suggestions().contains(&Suggestion::Camera)
         };
         assert!(of(true) && !of(false));
+    }
+
+    #[test]
+    fn masks_keep_the_largest_part_without_pinholes() {
+        let mask = Plane::from_fn(120, 100, |x, y| {
+            let r = (x as f64 - 50.0).hypot(y as f64 - 50.0);
+            let opening = (40..52).contains(&x) && (30..42).contains(&y);
+            let is_inside = (r < 40.0 && !opening && (x, y) != (60, 60)) || x > 115;
+            if is_inside { 1.0 } else { 0.0 }
+        });
+        let part = solid(&mask).unwrap();
+        assert!(part[(60, 60)] && !part[(45, 35)] && !part[(118, 50)] && part[(20, 50)]);
+        assert!(solid(&mask.map(|_| 0.0)).is_err() && solid(&mask.map(|_| 1.0)).is_err());
     }
 }

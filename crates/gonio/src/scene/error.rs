@@ -234,13 +234,15 @@ impl SceneError {
         match self {
             Self::MaskEverywhere | Self::ShortOutline { .. } => vec![Suggestion::Outline],
             Self::Elliptic { under_camera: false, aspect } if *aspect < LONG => {
-                vec![Suggestion::Mesh, Suggestion::Normals, Suggestion::Ellipsoid]
+                vec![Suggestion::Mesh, Suggestion::Normals, Suggestion::Inflate, Suggestion::Ellipsoid]
             }
             Self::Elliptic { under_camera: false, .. } => {
                 vec![Suggestion::Ellipsoid, Suggestion::Outline, Suggestion::Camera]
             }
             Self::Elliptic { under_camera: true, .. } => vec![Suggestion::Mesh, Suggestion::Mask],
-            Self::NotACircle { .. } => vec![Suggestion::Mesh, Suggestion::Normals, Suggestion::Outline],
+            Self::NotACircle { .. } => {
+                vec![Suggestion::Mesh, Suggestion::Normals, Suggestion::Inflate, Suggestion::Outline]
+            }
             Self::Several { objects } => {
                 let circles: Vec<Circle> = objects.iter().filter_map(|object| object.circle).collect();
                 let one = (!circles.is_empty()).then_some(Suggestion::OneOf(circles));
@@ -249,7 +251,9 @@ impl SceneError {
             Self::Unsure { candidates } => {
                 vec![Suggestion::OneOf(candidates.iter().map(|candidate| candidate.circle).collect()), Suggestion::Mask]
             }
-            Self::NotAnEllipse { .. } => vec![Suggestion::Mesh, Suggestion::Normals, Suggestion::Mask],
+            Self::NotAnEllipse { .. } => {
+                vec![Suggestion::Mesh, Suggestion::Normals, Suggestion::Inflate, Suggestion::Mask]
+            }
             Self::NoOutline => vec![Suggestion::Mask, Suggestion::Outline],
             Self::Elsewhere { default_camera: true, .. } => {
                 vec![Suggestion::Camera, Suggestion::Pose, Suggestion::Force]

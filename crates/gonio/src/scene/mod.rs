@@ -22,6 +22,7 @@ mod balls;
 mod circle;
 mod circle_fit;
 mod components;
+mod consistency;
 mod correction;
 mod detection;
 mod edges;

@@ -4,6 +4,7 @@
 //!   builds a mesh from a position map, [`Form`] builds meshes from formulas.
 //! * [`Surface`]: a shape that intersects rays: a [`Tracer`] of a mesh or an [`Ellipsoid`].
 //!   [`GeometryBuffer`] contains its visible points.
+//! * [`Inflation`]: a smooth surface with a given silhouette.
 //! * [`Visibility`]: the paper's `V_i` for some points of a surface.
 //! * [`Camera`]: orthographic or perspective, with a pose. [`positions_of_depth`] computes the
 //!   positions visible in its pixels at given depths.
@@ -16,6 +17,7 @@ mod buffer;
 mod camera;
 mod depth;
 mod forms;
+mod inflation;
 mod mesh;
 mod packet;
 mod placed;
@@ -32,6 +34,7 @@ pub use buffer::{GeometryBuffer, hit_at, view_at};
 pub use camera::{Camera, CameraError, Projection, Ray};
 pub use depth::{DepthKind, DepthSize, positions_of_depth};
 pub use forms::Form;
+pub use inflation::Inflation;
 pub use mesh::{Mesh, MeshError, MeshParts, Soundness};
 pub use placed::{PoseError, PosedSurface};
 pub use points::{Points, SurfacePoint};

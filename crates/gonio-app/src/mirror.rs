@@ -7,6 +7,7 @@ use gonio::probe::{ProbeSettings, Reflectance, View, probe};
 use gonio::scene::{Circle, Detection, Object, outline_of_ball};
 use gonio::suggestion::Suggestion;
 
+use crate::mask::disk_of;
 use crate::regions::Regions;
 use crate::scene::read_mask;
 use crate::{Form, PhotographSource, Problem, Scene, Warning};
@@ -96,14 +97,6 @@ impl MirrorBall {
         }
         Ok(())
     }
-}
-
-/// Returns the coverage of each pixel by a ball.
-fn disk_of(circle: &Circle, (width, height): (usize, usize)) -> Plane<f32> {
-    Plane::from_fn(width, height, |x, y| {
-        let r = (x as f64 + 0.5 - circle.x).hypot(y as f64 + 0.5 - circle.y);
-        (circle.radius - r + 0.5).clamp(0.0, 1.0) as f32
-    })
 }
 
 /// Returns the picture without its alpha channel, which may be zero on the mirror ball.

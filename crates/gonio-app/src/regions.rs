@@ -13,6 +13,7 @@ use gonio_report::regions::{Row, page, painted};
 use serde_json::{Value, json};
 
 use crate::answer::{Found, InferenceContext, InferenceResult, assemble, of_one, solve};
+use crate::mask::disk_of;
 use crate::results::{MATERIALS, REPORT, RESULT};
 use crate::scene::read_mask;
 use crate::{
@@ -240,17 +241,9 @@ pub(crate) fn parts(
             };
             Ok(labels.into_iter().map(part).collect())
         }
-        Regions::Circles(circles) => Ok(circles
-            .iter()
-            .enumerate()
-            .map(|(at, circle)| {
-                let mask = Plane::from_fn(size.0, size.1, |x, y| {
-                    let r = (x as f64 + 0.5 - circle.x).hypot(y as f64 + 0.5 - circle.y);
-                    (circle.radius - r + 0.5).clamp(0.0, 1.0) as f32
-                });
-                ball(at, mask, Some(*circle))
-            })
-            .collect()),
+        Regions::Circles(circles) => {
+            Ok(circles.iter().enumerate().map(|(at, circle)| ball(at, disk_of(circle, size), Some(*circle))).collect())
+        }
         Regions::Balls => {
             let found = separate_balls(picture, mask);
             if found.len() > MOST {

@@ -24,7 +24,7 @@ use gonio_io::cache::Cache;
 use crate::bench::{ACCURACY, Progress, Protocol, Stage, add_noise};
 use crate::data::Lights;
 use crate::materials::Materials;
-use crate::metrics::{brdf_error, mean, median, relight};
+use crate::metrics::{brdf_error, median};
 use crate::posteriors::{Learning, load_or_train};
 
 /// Options of `gonio-eval shapes`.
@@ -196,21 +196,14 @@ impl Study<'_> {
                     &SphereEquivalentSettings::default(),
                 )?;
                 let estimate = self.learnt.posterior(&found.image).mean;
-                let errors: Vec<_> = self
-                    .relit
-                    .iter()
-                    .map(|r| {
-                        let (a, b) = (r.render(&estimate), r.render(table));
-                        relight(&self.stage.counted(&a), &self.stage.counted(&b))
-                    })
-                    .collect();
+                let (relative, log) = self.stage.mean_errors(self.relit, &estimate, table);
                 records.push(Record {
                     shape: shape.to_owned(),
                     hidden,
                     light: name.to_owned(),
                     material: material.clone(),
-                    relative: mean(&errors.iter().map(|e| e.relative).collect::<Vec<_>>()),
-                    log: mean(&errors.iter().map(|e| e.log).collect::<Vec<_>>()),
+                    relative,
+                    log,
                     brdf: brdf_error(&estimate, table),
                     observed: found.image.observed(),
                     seconds: start.elapsed().as_secs_f64(),

@@ -12,6 +12,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail};
 use glam::{DMat4, DVec3, Vec3};
 use gonio::estimate::{CONTRADICTED, Estimate, EstimateSettings, estimate};
+use gonio::model::Model;
 use gonio::picture::{Picture, Plane};
 use gonio::reflectance::BivariateTable;
 use gonio::render::{LightTree, Relighter, SurfaceSettings, render_surfaces};
@@ -24,7 +25,7 @@ use rand_distr::{Distribution, StandardNormal};
 use crate::bench::{ACCURACY, Progress, Stage};
 use crate::data::Lights;
 use crate::materials::Materials;
-use crate::metrics::{coverage, mean, median, relight};
+use crate::metrics::{coverage, mean, median};
 
 /// Options of `gonio-eval silhouettes`.
 #[derive(clap::Args)]
@@ -183,6 +184,23 @@ fn photograph(rendered: Picture, seed: &str) -> Picture {
     Picture { rgb, alpha }
 }
 
+/// Estimates as the program does: if the photograph contradicts inaccurate normals, refines them,
+/// and keeps the estimate with the smaller misfit and its detection.
+pub(crate) fn estimate_detected(model: &Model, picture: &Picture, detection: &mut Detection) -> Result<Estimate> {
+    let settings = EstimateSettings::default();
+    let found = estimate(model, &detection.observations, &settings, &|_| ())?;
+    if found.light.misfit > CONTRADICTED
+        && let Some(refined) = detection.refined(picture)
+    {
+        let other = estimate(model, &refined.observations, &settings, &|_| ())?;
+        if other.light.misfit < found.light.misfit {
+            *detection = refined;
+            return Ok(other);
+        }
+    }
+    Ok(found)
+}
+
 pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
     let materials = Materials::open(data, None)?.with_outside(data)?;
     let lights = if options.training { Lights::training(data)? } else { Lights::open(data)? };
@@ -207,14 +225,7 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
         .iter()
         .map(|name| Ok(Relighter::new(&stage.points, &tables, &relit_lights.tree(name)?, &ACCURACY)))
         .collect::<Result<_>>()?;
-    let errors = |made: &BivariateTable, truth: &BivariateTable| {
-        let each: Vec<_> =
-            relit.iter().map(|r| relight(&stage.counted(&r.render(made)), &stage.counted(&r.render(truth)))).collect();
-        (
-            mean(&each.iter().map(|e| e.relative).collect::<Vec<_>>()),
-            mean(&each.iter().map(|e| e.log).collect::<Vec<_>>()),
-        )
-    };
+    let errors = |made: &BivariateTable, truth: &BivariateTable| stage.mean_errors(&relit, made, truth);
     std::fs::create_dir_all(&options.out).with_context(|| options.out.display().to_string())?;
     let progress = Progress::new("photographs", options.shapes.len() * options.lights.len() * subjects.len());
     let size = (usize::from(options.size), usize::from(options.size));
@@ -268,15 +279,7 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
                     };
                     let mut detection = Detection::of(&picture, None, object, &ObservationSettings::default())?;
                     detection.shadow((model.light.map, EstimateSettings::default().side), &|_| ())?;
-                    let mut found = estimate(&model, &detection.observations, &EstimateSettings::default(), &|_| ())?;
-                    if found.light.misfit > CONTRADICTED
-                        && let Some(refined) = detection.refined(&picture)
-                    {
-                        let other = estimate(&model, &refined.observations, &EstimateSettings::default(), &|_| ())?;
-                        if other.light.misfit < found.light.misfit {
-                            found = other;
-                        }
-                    }
+                    let found = estimate_detected(&model, &picture, &mut detection)?;
                     add(known, errors(&found.material.table, truth), Some(&found));
                 }
                 progress.step();

@@ -2,9 +2,12 @@
 
 use glam::{DVec3, Vec3};
 use gonio::picture::Plane;
-use gonio::render::Exposure;
+use gonio::reflectance::BivariateTable;
+use gonio::render::{Exposure, Relighter};
 use gonio::shape::SurfacePoint;
 use rayon::prelude::*;
+
+use crate::metrics::{Relight, mean, relight};
 
 /// Pixels of an orthographic picture that show a sphere.
 pub(crate) struct Stage {
@@ -43,6 +46,21 @@ impl Stage {
     /// Returns the values of the pixels that errors are measured over.
     pub(crate) fn counted<T: Copy>(&self, values: &[T]) -> Vec<T> {
         values.iter().zip(&self.counted).filter(|(_, counted)| **counted).map(|(v, _)| *v).collect()
+    }
+
+    /// Renders an estimate and the truth in several lights; returns the means of the relight errors
+    /// and of their log versions.
+    pub(crate) fn mean_errors(
+        &self,
+        lights: &[Relighter],
+        made: &BivariateTable,
+        truth: &BivariateTable,
+    ) -> (f64, f64) {
+        let error =
+            |light: &Relighter| relight(&self.counted(&light.render(made)), &self.counted(&light.render(truth)));
+        let errors: Vec<Relight> = lights.iter().map(error).collect();
+        let over = |part: fn(&Relight) -> f64| mean(&errors.iter().map(part).collect::<Vec<_>>());
+        (over(|error| error.relative), over(|error| error.log))
     }
 
     /// Returns the exposure for a sphere with these values.

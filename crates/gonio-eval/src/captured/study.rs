@@ -4,8 +4,7 @@ use std::time::Instant;
 
 use anyhow::{Result, bail};
 use gonio::estimate::{
-    Alignment, CONTRADICTED, Colouring, ColouringRule, Diagnostic, Estimate, EstimateSettings, LitEstimate, Material,
-    estimate as estimate_blind, estimate_under,
+    Alignment, Colouring, ColouringRule, Diagnostic, Estimate, LitEstimate, Material, estimate_under,
 };
 use gonio::model::Model;
 use gonio::reflectance::BivariateTable;
@@ -18,6 +17,7 @@ use super::object::{Captured, map_of};
 use super::several::{self, Several};
 use super::slice::Cell;
 use crate::metrics::{Relight, mean};
+use crate::silhouettes::estimate_detected;
 
 /// Errors of one estimate.
 #[derive(Clone, Copy, Debug, Serialize)]
@@ -219,15 +219,7 @@ fn estimate(object: &Captured, seen: usize, model: &Model, given: Given) -> Resu
         let LitEstimate { material, misfit, colouring, .. } = found;
         return Ok(Found { material, misfit, diagnostics, colouring, median });
     }
-    let mut found = estimate_blind(model, &detection.observations, &EstimateSettings::default(), &|_| ())?;
-    if found.light.misfit > CONTRADICTED
-        && let Some(refined) = detection.refined(&object.photographs[seen].picture)
-    {
-        let other = estimate_blind(model, &refined.observations, &EstimateSettings::default(), &|_| ())?;
-        if other.light.misfit < found.light.misfit {
-            (found, detection) = (other, refined);
-        }
-    }
+    let found = estimate_detected(model, &object.photographs[seen].picture, &mut detection)?;
     let (diagnostics, median) = (found.diagnostics(), median(&detection, &found.material.table));
     let Estimate { material, light, colouring, .. } = found;
     Ok(Found { material, misfit: light.misfit, diagnostics, colouring, median })

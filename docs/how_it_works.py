@@ -151,18 +151,18 @@ def save(figure, name):
     print(name, (IMAGES / name).stat().st_size // 1000, "kB")
 
 
-def gloss(notes):
-    """The gloss and its 90 % interval in words, with two significant digits."""
-    low, middle, high = (rounded(notes["posterior"]["gloss"][key]) for key in ("5", "50", "95"))
-    return f"gloss {middle} ({low} to {high})"
+def peak(notes):
+    """The peak, relative to the body, and its 90 % interval, with two significant digits."""
+    low, middle, high = (rounded(notes["posterior"]["highlight"]["peak_to_body"][key]) for key in ("5", "50", "95"))
+    return f"peak height {middle} ({low} to {high})"
 
 
 def rounded(value):
     return f"{float(f'{value:.2g}'):,.0f}" if value >= 10 else f"{value:.1f}"
 
 
-def true_gloss(table):
-    """The gloss as gonio defines it: the BRDF along the normal over the mean of the BRDF at half angles
+def true_peak(table):
+    """The peak height as gonio defines it: the BRDF along the normal over the mean of the BRDF at half angles
     above 45 degrees and difference angles below 45 degrees."""
     return table[0, 0] / table[(HALF > 45) & (HALF < 80), :45].mean()
 
@@ -269,7 +269,7 @@ def interval(found):
     axes[0].set_ylabel("BRDF (1/sr)", color=INK, fontsize=9)
     axes[1].legend(fontsize=9, facecolor=PAPER, labelcolor=INK, edgecolor=PAPER)
     held = (quantiles[0][trusted] <= truth[trusted]) & (truth[trusted] <= quantiles[3][trusted])
-    print("the interval contains", held[seen].mean(), "of the cells;", gloss(found), "true", true_gloss(truth))
+    print("the interval contains", held[seen].mean(), "of the cells;", peak(found), "true", true_peak(truth))
     save(figure, "interval.png")
 
 
@@ -290,10 +290,10 @@ def misfits(photograph, blind, lit, wrong):
         show(row[0], ball(photograph), "photograph")
         show(row[1], ball(made), "reproduction")
         show(row[2], misfit(made, photograph), "difference", cmap="RdBu_r", vmin=-0.6, vmax=0.6)
-        noise = notes["noise"]
-        text = f"{what}\nmisfit {100 * noise['misfit']:.0f} % (expected: {100 * noise['expected']:.0f} %)"
+        residual = notes["residual"]
+        text = f"{what}\nmisfit {100 * residual['misfit']:.0f} % (expected: {100 * residual['expected']:.0f} %)"
         words(row[3], text + "\n" + ("No warning" if not notes["warnings"] else "Warning: " + wrapped(notes["warnings"], 44)), 9)
-        print(what, noise["misfit"], noise["expected"], gloss(notes), notes["warnings"])
+        print(what, residual["misfit"], residual["expected"], peak(notes), notes["warnings"])
     save(figure, "misfit.png")
 
 
@@ -314,8 +314,8 @@ def failure(name, photograph, notes, folder, truth, table, comment):
     show(axes[0, 1], ball(render(f"{folder}/brdf.npz", SHOP, "found.exr")), "estimate, in another light")
     show(axes[0, 2], ball(render(truth, SHOP, "true.exr")), "truth, in another light")
     said = "Warning: " + wrapped(notes["warnings"], 40) if notes["warnings"] else "No warning"
-    words(axes[0, 3], f"{comment}\n{gloss(notes)}\ntrue gloss: {rounded(true_gloss(table))}\n{said}", 9)
-    print(name, gloss(notes), "true", true_gloss(table), notes["warnings"], notes["noise"]["misfit"], notes["noise"]["expected"])
+    words(axes[0, 3], f"{comment}\n{peak(notes)}\ntrue peak height: {rounded(true_peak(table))}\n{said}", 9)
+    print(name, peak(notes), "true", true_peak(table), notes["warnings"], notes["residual"]["misfit"], notes["residual"]["expected"])
     save(figure, name)
 
 

@@ -8,7 +8,7 @@ use std::sync::LazyLock;
 
 use gonio_app::{combine, export, folder};
 use gonio_fuzz::Scratch;
-use gonio_io::notes;
+use gonio_io::result;
 use gonio_io::picture::encode_exr;
 use libfuzzer_sys::fuzz_target;
 
@@ -29,7 +29,7 @@ fuzz_target!(init: gonio_fuzz::let_guards_catch(), |bytes: &[u8]| {
             fs::write(out.join(name), part).unwrap();
         }
     }
-    let _ = notes::read(&out.join("result.json"));
+    let _ = result::read(&out.join("result.json"));
     let _ = export::light_of_results(&out).unwrap();
     let _ = combine::read_posteriors(std::slice::from_ref(&out));
     let holds = folder::holds_results(&out);

@@ -9,18 +9,17 @@ use gonio_io::picture::{ReadOptions, read};
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut paths = std::env::args().skip(1);
     let photo = paths.next().unwrap_or_else(|| "samples/ball.exr".into());
-    let picture = read(&photo, &ReadOptions::default())?.picture;
-    let ball = Detection::of(&picture, None, Object::Sphere(None), &ObservationSettings::default())?;
+    let decoded = read(&photo, &ReadOptions::default())?;
+    let settings = ObservationSettings { clip: decoded.full_scale, ..ObservationSettings::default() };
+    let ball = Detection::of(&decoded.picture, None, Object::Sphere(None), &settings)?;
     let model = gonio_io::model::embedded()?;
     let found = estimate(&model, &ball.observations, &EstimateSettings::default(), &|_| ())?;
     for diagnostic in found.diagnostics() {
         println!("warning: {diagnostic}");
     }
-    let [low, median, high] = found.material.gloss;
-    println!("gloss {median:.1}, between {low:.1} and {high:.1}; misfit {:.1} %", 100.0 * found.light.misfit);
-    let tables = found.colouring.field().tables(&found.material.table);
+    println!("{}; misfit {:.1} %", found.material.verdict(), 100.0 * found.light.misfit);
     if let Some(out) = paths.next() {
-        gonio_io::merl::write(out, &MerlTable::from_bivariate(tables.each_ref()))?;
+        gonio_io::merl::write(out, &MerlTable::from_bivariate(found.brdf().each_ref()))?;
     }
     Ok(())
 }

@@ -9,8 +9,9 @@ use gonio_io::picture::{ReadOptions, encode_exr, read};
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut paths = std::env::args().skip(1);
     let photo = paths.next().unwrap_or_else(|| "samples/ball.exr".into());
-    let picture = read(&photo, &ReadOptions::default())?.picture;
-    let ball = Detection::of(&picture, None, Object::Sphere(None), &ObservationSettings::default())?;
+    let decoded = read(&photo, &ReadOptions::default())?;
+    let settings = ObservationSettings { clip: decoded.full_scale, ..ObservationSettings::default() };
+    let ball = Detection::of(&decoded.picture, None, Object::Sphere(None), &settings)?;
     let brdf = match paths.next() {
         Some(path) => {
             let table = gonio_io::brdf::read(path)?;

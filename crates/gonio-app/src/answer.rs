@@ -5,8 +5,8 @@ use std::path::Path;
 
 use glam::Vec3;
 use gonio::estimate::{
-    ALBEDO, Alignment, CONTRADICTED, Colouring, ColouringRule, Estimate, Light, LitEstimate, MAX_MISFIT, Material,
-    Stage, estimate_beside, estimate_under,
+    ALBEDO, Alignment, CONTRADICTED, Colouring, ColouringRule, Estimate, EstimateSettings, EstimateStage,
+    KnownLightEstimate, Light, MAX_MISFIT, Material, estimate_known_light, estimate_with_task,
 };
 use gonio::lighting::{EnvironmentMap, LightGrid, named_light};
 use gonio::model::Model;
@@ -16,21 +16,21 @@ use gonio::suggestion::Suggestion;
 use gonio_io::colour_space::ColourSpace;
 use gonio_io::picture::ReadOptions;
 use gonio_io::posterior::SavedPosterior;
+use gonio_io::result::ResultDocument;
 use gonio_report::panels::{Panels, Subject};
 use gonio_report::report::{Fits, Report};
-use serde_json::{Map, Value, json};
 
-use crate::notes::{self, ResultDocument};
+use crate::document;
 use crate::regions::Regions;
 use crate::{
-    LightSource, Method, ObservedScene, Problem, ProgressLog, Scene, Settings, Source, Warning, basis, combine,
+    AppError, LightMapSource, Method, ObservedScene, ProgressLog, Scene, Settings, Source, Warning, basis, combine,
     reference,
 };
 
 /// Result of an inference from one photograph.
 pub struct InferenceResult {
     /// The photograph and the object in it.
-    pub seen: ObservedScene,
+    pub scene: ObservedScene,
     /// Luminance of the BRDF, scaled to an albedo of 0.5 at normal incidence (1/sr).
     pub table: BivariateTable,
     /// Factor from `table` to the BRDF in the files; 1 unless the BRDF is absolute.
@@ -42,7 +42,7 @@ pub struct InferenceResult {
     /// The known light with the estimated rotation and gain.
     pub known_light: Option<EnvironmentMap>,
     /// Name and value of the relative residual of the photograph, given light and BRDF.
-    pub left: (&'static str, f64),
+    pub residual: (&'static str, f64),
     /// The colours of BRDF and light.
     pub colouring: Colouring,
     /// The pictures, if requested.
@@ -52,7 +52,7 @@ pub struct InferenceResult {
     /// The page `report.html`, if requested.
     pub page: Option<String>,
     /// Contents of `result.json`.
-    pub notes: Value,
+    pub document: ResultDocument,
     /// Warnings, one line each.
     pub warnings: Vec<String>,
     /// Posterior to combine with other photographs, for methods that estimate the uncertainty.
@@ -63,21 +63,22 @@ pub struct InferenceResult {
 }
 
 /// Result of a method.
-pub(crate) struct Found {
+pub(crate) struct MethodResult {
     table: BivariateTable,
     scale: f64,
     material: Option<Material>,
     light: Option<LightGrid>,
     known_light: Option<EnvironmentMap>,
-    left: (&'static str, f64),
+    residual: (&'static str, f64),
     colouring: Colouring,
-    pub(crate) sections: Value,
+    /// The sections of the method.
+    pub(crate) document: ResultDocument,
     /// Fitted renderer models, if available.
     fits: Option<Fits>,
 }
 
 /// Largest plausible absolute albedo at normal incidence: 1 plus a margin for measurement errors.
-const MOST: f64 = 1.1;
+const MAX_ALBEDO: f64 = 1.1;
 
 /// Model, known light and rules of an inference.
 pub(crate) struct InferenceContext<'a> {
@@ -90,7 +91,7 @@ pub(crate) struct InferenceContext<'a> {
 
 impl<'a> InferenceContext<'a> {
     /// Checks the settings and reads the known light. `name` is the name of the model in messages.
-    pub(crate) fn of((model, name): (&'a Model, &str), settings: &Settings<'_>) -> Result<Self, Problem> {
+    pub(crate) fn of((model, name): (&'a Model, &str), settings: &Settings<'_>) -> Result<Self, AppError> {
         let paper = settings.method.search().is_some_and(|search| search.paper);
         let mut model = Cow::Borrowed(model);
         if paper {
@@ -99,7 +100,7 @@ impl<'a> InferenceContext<'a> {
         settings.check(&model, name)?;
         let known_light = match settings.method.light() {
             Some(Source::File(path)) => Some(read_light(path, settings.spaces.input)?),
-            Some(Source::Here(map)) => Some(map.clone()),
+            Some(Source::Memory(map)) => Some(map.clone()),
             None => None,
         };
         let rule = settings.colours.rule(known_light.as_ref());
@@ -116,9 +117,9 @@ impl<'a> InferenceContext<'a> {
         settings: &Settings<'_>,
         warnings: &mut Vec<Warning>,
         progress_log: &ProgressLog<'_>,
-    ) -> Result<Scene, Problem> {
+    ) -> Result<Scene, AppError> {
         let Some(ball) = settings.method.mirror_ball() else { return Ok(scene) };
-        progress_log.at("reading", 0.0);
+        progress_log.report("reading", 0.0);
         let (scene, light) = ball.light(scene, regions, warnings)?;
         self.rule = settings.colours.rule(Some(&light));
         self.known_light = Some(light);
@@ -132,18 +133,18 @@ impl<'a> InferenceContext<'a> {
     }
 
     /// Reads a scene and detects its object.
-    pub(crate) fn look(
+    pub(crate) fn observe(
         &self,
         scene: Scene,
         settings: &Settings<'_>,
         warnings: &mut Vec<Warning>,
         progress_log: &ProgressLog<'_>,
-    ) -> Result<ObservedScene, Problem> {
+    ) -> Result<ObservedScene, AppError> {
         if scene.reference.is_some() {
             reference::check(&scene.name, settings.colours, self.known_light.is_some())?;
         }
         let shadows = settings.shadows.then_some((self.model.light.map, settings.side));
-        scene.look(&self.observing, shadows, warnings, progress_log)
+        scene.observe(&self.observing, shadows, warnings, progress_log)
     }
 }
 
@@ -157,64 +158,59 @@ pub fn infer(
     scene: Scene,
     settings: &Settings<'_>,
     progress_log: &ProgressLog<'_>,
-) -> Result<InferenceResult, Problem> {
-    let (mut asked, mut warnings) = (InferenceContext::of(model, settings)?, Vec::new());
-    let scene = asked.with_mirror_ball(scene, None, settings, &mut warnings, progress_log)?;
-    of_one(&asked, scene, settings, warnings, progress_log)
+) -> Result<InferenceResult, AppError> {
+    let (mut context, mut warnings) = (InferenceContext::of(model, settings)?, Vec::new());
+    let scene = context.with_mirror_ball(scene, None, settings, &mut warnings, progress_log)?;
+    of_one(&context, scene, settings, warnings, progress_log)
 }
 
 /// Infers from a scene with one object; `warnings` contains those from reading the photograph.
 pub(crate) fn of_one(
-    asked: &InferenceContext<'_>,
+    context: &InferenceContext<'_>,
     scene: Scene,
     settings: &Settings<'_>,
     mut warnings: Vec<Warning>,
     progress_log: &ProgressLog<'_>,
-) -> Result<InferenceResult, Problem> {
+) -> Result<InferenceResult, AppError> {
     let (image, linear) = (scene.name.clone(), scene.reading.linear);
-    let mut seen = asked.look(scene, settings, &mut warnings, progress_log)?;
+    let mut seen = context.observe(scene, settings, &mut warnings, progress_log)?;
     if let Some(ball) = settings.method.mirror_ball() {
         ball.check_apart(&seen.detection, &image)?;
     }
     let mut own = Vec::new();
-    let mut found = solve(asked, &seen, (&image, linear), settings, &mut own, progress_log)?;
-    if let ("misfit", misfit) = found.left
+    let mut found = solve(context, &seen, (&image, linear), settings, &mut own, progress_log)?;
+    if let ("misfit", misfit) = found.residual
         && misfit > CONTRADICTED
         && let Some(refined) = seen.detection.refined(&seen.picture)
     {
         let inflated = std::mem::replace(&mut seen.detection, refined);
         let mut others = Vec::new();
         // Without a second estimate, the first one remains.
-        match solve(asked, &seen, (&image, linear), settings, &mut others, progress_log) {
-            Ok(other) if other.left.1 < misfit => {
+        match solve(context, &seen, (&image, linear), settings, &mut others, progress_log) {
+            Ok(other) if other.residual.1 < misfit => {
                 (found, own) = (other, others);
-                seen.notes["report"] = json!(seen.detection.observations.report);
             }
             _ => seen.detection = inflated,
         }
     }
     warnings.append(&mut own);
-    if seen.detection.estimated_normals {
-        seen.notes["shape"]["refined"] = json!(seen.detection.is_refined());
-    }
-    if let ("misfit", misfit) = found.left
+    if let ("misfit", misfit) = found.residual
         && misfit > MAX_MISFIT
         && !seen.force
     {
         return Err(contradicted(&image, &seen, settings.method.light_suggestion(), misfit));
     }
     let found = found.scaled_by_reference(&seen, &image, &mut warnings);
-    Ok(assemble(asked, seen, found, &image, settings, warnings, progress_log))
+    Ok(assemble(context, seen, found, &image, settings, warnings, progress_log))
 }
 
 /// Returns the error for an estimate that the photograph contradicts, with suggestions.
-fn contradicted(image: &str, seen: &ObservedScene, of_light: Option<Suggestion>, misfit: f64) -> Problem {
+fn contradicted(image: &str, seen: &ObservedScene, of_light: Option<Suggestion>, misfit: f64) -> AppError {
     let (percent, most) = (100.0 * misfit, 100.0 * MAX_MISFIT);
-    let text = format!(
-        "light and material do not reproduce the photograph: the relative RMS residual is {percent:.0} % (limit {most:.0} %)"
-    );
+    let text =
+        format!("the estimate does not reproduce the photograph: the misfit is {percent:.0} % (limit {most:.0} %)");
     let suggested = remedies(seen, of_light);
-    suggested.into_iter().fold(Problem::of(image, text), Problem::with).with(Suggestion::Force)
+    suggested.into_iter().fold(AppError::of(image, text), AppError::with).with(Suggestion::Force)
 }
 
 /// Returns suggestions for a photograph that its shape and the estimate do not reproduce, the most
@@ -224,7 +220,7 @@ fn remedies(seen: &ObservedScene, of_light: Option<Suggestion>) -> Vec<Suggestio
         Some(placed) if placed.default_camera => vec![Suggestion::Camera, Suggestion::Pose],
         Some(_) => vec![Suggestion::Pose],
         None if seen.detection.circle().is_some() => vec![Suggestion::Outline],
-        None if matches!(seen.detection.found, gonio::scene::Found::Outline(_)) => {
+        None if matches!(seen.detection.shape, gonio::scene::DetectedShape::Outline(_)) => {
             vec![Suggestion::Mesh, Suggestion::Normals]
         }
         None => Vec::new(),
@@ -234,21 +230,21 @@ fn remedies(seen: &ObservedScene, of_light: Option<Suggestion>) -> Vec<Suggestio
 
 /// Estimates the BRDF of an object, and the light unless it is known.
 pub(crate) fn solve(
-    asked: &InferenceContext<'_>,
+    context: &InferenceContext<'_>,
     seen: &ObservedScene,
     (image, linear): (&str, bool),
     settings: &Settings<'_>,
     warnings: &mut Vec<Warning>,
     progress_log: &ProgressLog<'_>,
-) -> Result<Found, Problem> {
-    let InferenceContext { model, known_light, .. } = asked;
-    let rule = &asked.rule_of(seen).0;
+) -> Result<MethodResult, AppError> {
+    let InferenceContext { model, known_light, .. } = context;
+    let rule = &context.rule_of(seen).0;
     let observations = &seen.detection.observations;
-    let begin = |stage: Stage| progress_log.at(stage.name(), 0.0);
-    let blame = |error: gonio::estimate::EstimateError| Problem::of(image, error);
+    let begin = |stage: EstimateStage| progress_log.report(stage.name(), 0.0);
+    let blame = |error: gonio::estimate::EstimateError| AppError::of(image, error);
     match (&settings.method, known_light) {
         (Method::KnownLight(ask), Some(map)) => {
-            let found = estimate_under(model, observations, (map, ask.alignment), rule, &begin).map_err(blame)?;
+            let found = estimate_known_light(model, observations, (map, ask.alignment), rule, &begin).map_err(blame)?;
             let known_light = Some(found.corrected(map));
             let scale = if ask.absolute { found.exposure } else { 1.0 };
             for diagnostic in found.diagnostics() {
@@ -256,10 +252,10 @@ pub(crate) fn solve(
                 let suggested = if diagnostic.is_misfit() { remedies(seen, aligns) } else { Vec::new() };
                 warnings.push(Warning::of(image, diagnostic).with(suggested));
             }
-            if ask.absolute && scale * ALBEDO > MOST {
+            if ask.absolute && scale * ALBEDO > MAX_ALBEDO {
                 let cause = match ask.map {
-                    LightSource::Map(_) => "photograph and light map do not have the same scale",
-                    LightSource::MirrorBall(_) => "the specified reflectance of the mirror ball is too high",
+                    LightMapSource::Map(_) => "photograph and light map do not have the same scale",
+                    LightMapSource::MirrorBall(_) => "the specified reflectance of the mirror ball is too high",
                 };
                 let albedo = scale * ALBEDO;
                 let text = format!(
@@ -267,13 +263,23 @@ pub(crate) fn solve(
                 );
                 warnings.push(Warning::of(image, text));
             }
-            let mut sections = notes::under_known_light(&found, ask);
-            sections["settings"]["linear"] = json!(linear);
-            let LitEstimate { material, misfit, colouring, .. } = found;
+            let mut document = document::new(settings.method.name());
+            document::set_known_light(&mut document, &found, ask, linear);
+            let KnownLightEstimate { material, misfit, colouring, .. } = found;
             let table = material.table.clone();
             let left = ("misfit", misfit);
             let material = Some(material);
-            Ok(Found { table, scale, material, light: None, known_light, left, colouring, sections, fits: None })
+            Ok(MethodResult {
+                table,
+                scale,
+                material,
+                light: None,
+                known_light,
+                residual: left,
+                colouring,
+                document,
+                fits: None,
+            })
         }
         (Method::Learnt, _) => {
             let ask = settings.estimate(*rule);
@@ -281,56 +287,66 @@ pub(crate) fn solve(
             let fit = |table: &BivariateTable, colouring: &Colouring| {
                 wanted.then(|| Fits::of(&colouring.field().tables(table), false))
             };
-            let (found, fits) = estimate_beside(model, observations, &ask, &begin, fit).map_err(blame)?;
-            Ok(Found { fits, ..Found::blind(found, (seen, image), notes::settings(&ask, linear), warnings) })
+            let (found, fits) = estimate_with_task(model, observations, &ask, &begin, fit).map_err(blame)?;
+            Ok(MethodResult { fits, ..MethodResult::blind(found, (seen, image), (&ask, linear), warnings) })
         }
         (method, known_light) => {
-            let Some(search) = method.search() else { return Err(Problem::new("this method requires a known light")) };
+            let Some(search) = method.search() else { return Err(AppError::new("this method requires a known light")) };
             let how = (settings, search);
             let found = basis::find((model, image), how, known_light.as_ref(), observations, warnings, progress_log)?;
             let colouring = Colouring::of(model, observations, &found.table, rule);
-            let basis::Coefficients { table, light, noise, mut sections } = found;
-            let light = light.map(|grid| in_one_colour(grid, colouring.light()));
-            sections["settings"]["linear"] = json!(linear);
+            let basis::BasisResult { table, light, noise, mut document } = found;
+            let light = light.map(|grid| grid.coloured(colouring.light()));
+            document.settings.linear = Some(linear);
             let known_light = known_light.clone();
             let left = ("noise", noise);
-            Ok(Found { table, scale: 1.0, material: None, light, known_light, left, colouring, sections, fits: None })
+            Ok(MethodResult {
+                table,
+                scale: 1.0,
+                material: None,
+                light,
+                known_light,
+                residual: left,
+                colouring,
+                document,
+                fits: None,
+            })
         }
     }
 }
 
-impl Found {
+impl MethodResult {
     /// Converts an estimate under unknown light; its diagnostics become warnings about the
-    /// photograph `image`.
+    /// photograph `image`. `linear` is true if integer values were read as linear radiance.
     pub(crate) fn blind(
         found: Estimate,
         (seen, image): (&ObservedScene, &str),
-        settings: Value,
+        (settings, linear): (&EstimateSettings, bool),
         warnings: &mut Vec<Warning>,
     ) -> Self {
         for diagnostic in found.diagnostics() {
             let suggested = if diagnostic.is_misfit() { remedies(seen, None) } else { Vec::new() };
             warnings.push(Warning::of(image, diagnostic).with(suggested));
         }
-        let mut sections = notes::estimate(&found);
-        sections["settings"] = settings;
-        let Estimate { material, light: Light { grid, misfit, .. }, colouring, tint } = found;
-        let light = tint.map_or_else(|| in_one_colour(grid, colouring.light()), |tint| tint.grid);
+        let mut document = document::new(Method::Learnt.name());
+        document::set_estimate(&mut document, &found, settings, linear);
+        let light = found.light_in_colour();
+        let Estimate { material, light: Light { misfit, .. }, colouring, .. } = found;
         Self {
             table: material.table.clone(),
             scale: 1.0,
             material: Some(material),
             light: Some(light),
             known_light: None,
-            left: ("misfit", misfit),
+            residual: ("misfit", misfit),
             colouring,
-            sections,
+            document,
             fits: None,
         }
     }
 }
 
-impl Found {
+impl MethodResult {
     /// Scales the estimate by the reference in the photograph, if the reference determines a scale.
     pub(crate) fn scaled_by_reference(
         mut self,
@@ -348,31 +364,27 @@ impl Found {
             self.scale = scale.factor;
             // The fits were at another scale.
             self.fits = None;
-            notes::make_absolute(&mut self.sections, material, ALBEDO * scale.factor);
+            let albedo = ALBEDO * scale.factor;
+            self.document.posterior = Some(document::posterior(material, albedo));
+            self.document.reflectance = document::reflectance(Some(albedo));
         }
-        self.sections["reference"] = reference.notes(scale);
+        self.document.reference = Some(reference.section(scale));
         self
     }
 }
 
-/// Colours a luminance light map uniformly.
-fn in_one_colour(grid: LightGrid, colour: Vec3) -> LightGrid {
-    let texels = grid.texels().iter().map(|texel| *texel * colour).collect();
-    LightGrid::from_texels(grid.map(), grid.side(), texels)
-}
-
 /// Assembles the result: pictures, report and `result.json`.
 pub(crate) fn assemble(
-    asked: &InferenceContext<'_>,
+    context: &InferenceContext<'_>,
     seen: ObservedScene,
-    found: Found,
+    found: MethodResult,
     image: &str,
     settings: &Settings<'_>,
     mut warnings: Vec<Warning>,
     progress_log: &ProgressLog<'_>,
 ) -> InferenceResult {
-    let (model, (rule, assumption)) = (&asked.model, &asked.rule_of(&seen));
-    let Found { table, scale, material, light, known_light, left, colouring, sections, fits } = found;
+    let (model, (rule, assumption)) = (&context.model, &context.rule_of(&seen));
+    let MethodResult { table, scale, material, light, known_light, residual: left, colouring, document, fits } = found;
     if matches!((rule, &colouring), (ColouringRule::Estimate { .. }, Colouring::Median(_))) {
         let problem = "the model has no colour model; the BRDF has the median colour of the photograph";
         warnings.push(Warning::of(image, problem));
@@ -383,49 +395,44 @@ pub(crate) fn assemble(
         caption: String::new(),
         panels: None,
         page: None,
-        notes: Value::Null,
+        document,
         warnings: warnings.iter().map(|warning| warning.worded(settings.words)).collect(),
         space: spaces.output,
         shadows: settings.shadows,
         saved: material.as_ref().and_then(|material| combine::saved(model, image, material, &colouring)),
-        seen,
+        scene: seen,
         table,
         scale,
         material,
         light,
         known_light,
-        left,
+        residual: left,
         colouring,
     };
-    let absolute = sections["reflectance"]["absolute"] == true;
+    let absolute = answer.document.reflectance.absolute;
     let fits = settings.pictures.then(|| answer.draw(settings.report, absolute, fits, progress_log)).flatten();
     let seconds = progress_log.seconds();
     let total: f64 = seconds.iter().map(|(_, seconds)| seconds).sum();
-    let (used, (word, left)) = (answer.seen.detection.observations.report.used_pixels, answer.left);
+    let (used, (word, left)) = (answer.scene.detection.observations.report.used_pixels, answer.residual);
     let method = settings.method.name();
     answer.caption = format!("{method} | {used} pixels | {word} {:.1} % | {total:.0} s", 100.0 * left);
     let seconds = seconds.into_iter().chain([("total", total)]);
-    answer.notes = ResultDocument {
-        image,
-        method,
-        model,
-        observations: answer.seen.notes.clone(),
-        bracket: answer.seen.bracket.clone(),
-        colouring: &answer.colouring,
-        assumption,
-        warnings: &answer.warnings,
-        seconds: Value::Object(
-            seconds.map(|(stage, seconds)| (stage.to_owned(), json!(seconds))).collect::<Map<_, _>>(),
-        ),
-        sections,
-    }
-    .result();
-    answer.notes["colorspace"] = spaces.notes(answer.seen.space.as_ref());
+    answer.document = ResultDocument {
+        image: Some(image.to_owned()),
+        model: document::model(model),
+        observations: Some(answer.scene.observations()),
+        bracket: answer.scene.bracket.clone(),
+        colour: document::colour(&answer.colouring, assumption),
+        colorspace: spaces.section(answer.scene.space.as_ref()),
+        warnings: answer.warnings.clone(),
+        seconds: seconds.map(|(stage, seconds)| (stage.to_owned(), seconds)).collect(),
+        ..answer.document
+    };
     answer.page = fits.zip(answer.panels.as_ref()).map(|(fits, panels)| {
         let name = Path::new(image).file_stem().unwrap_or_default().to_string_lossy();
         // The page escapes markup, but not control characters.
         let name = name.replace(char::is_control, " ");
-        let (subject, warnings, result) = (&answer.subject(), &answer.warnings[..], &answer.notes);
+        let (subject, warnings, result) = (&answer.subject(), &answer.warnings[..], &answer.document);
         Report { name: &name, subject, panels, fits: &fits, warnings, result }.render()
     });
     answer
@@ -435,8 +442,8 @@ impl InferenceResult {
     /// Returns the subject of the pictures.
     pub fn subject(&self) -> Subject<'_> {
         Subject {
-            picture: &self.seen.picture,
-            detection: &self.seen.detection,
+            picture: &self.scene.picture,
+            detection: &self.scene.detection,
             shadows: self.shadows,
             chroma: self.colouring.field(),
             table: &self.table,
@@ -455,11 +462,11 @@ impl InferenceResult {
         fits: Option<Fits>,
         progress_log: &ProgressLog<'_>,
     ) -> Option<Fits> {
-        progress_log.at("drawing", 0.0);
+        progress_log.report("drawing", 0.0);
         let subject = self.subject();
         let tables = subject.coloured(&self.table.scaled(self.scale));
         let (panels, fits) = rayon::join(
-            || Panels::draw(&subject, report, &|x| progress_log.at("drawing", x)),
+            || Panels::draw(&subject, report, &|x| progress_log.report("drawing", x)),
             || fits.or_else(|| report.then(|| Fits::of(&tables, absolute))),
         );
         self.panels = Some(panels);
@@ -479,7 +486,7 @@ const NAMED_ROWS: usize = 256;
 ///
 /// # Errors
 /// If the file cannot be read or is not a light.
-pub fn read_light(path: &Path, space: Option<ColourSpace>) -> Result<EnvironmentMap, Problem> {
+pub fn read_light(path: &Path, space: Option<ColourSpace>) -> Result<EnvironmentMap, AppError> {
     if let Some(light) = path.to_str().filter(|_| !path.exists()).and_then(|name| named_light(name, NAMED_ROWS)) {
         return Ok(light);
     }
@@ -490,8 +497,8 @@ pub fn read_light(path: &Path, space: Option<ColourSpace>) -> Result<Environment
             lights.iter_mut().for_each(|(_, irradiance)| *irradiance = (matrix * *irradiance).max(Vec3::ZERO));
         }
         return EnvironmentMap::of_directions(&lights, DIRECTIONAL_ROWS)
-            .map_err(|error| Problem::of(path.display(), error));
+            .map_err(|error| AppError::of(path.display(), error));
     }
     let decoded = gonio_io::picture::read(path, &ReadOptions { colour_space: space, ..ReadOptions::default() })?;
-    EnvironmentMap::new(decoded.picture.rgb).map_err(|error| Problem::of(path.display(), error))
+    EnvironmentMap::new(decoded.picture.rgb).map_err(|error| AppError::of(path.display(), error))
 }

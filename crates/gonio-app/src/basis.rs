@@ -1,7 +1,9 @@
 //! The paper's methods and baselines: reflectance as coefficients in a basis.
 
 use gonio::estimate::ALBEDO;
-use gonio::inference::{Hyper, JointMapSettings, MODEL_ERROR, Posterior, Problem as Bilinear, VariationalSettings};
+use gonio::inference::{
+    Hyperparameters, JointMapSettings, MODEL_ERROR, Posterior, Problem as Bilinear, VariationalSettings,
+};
 use gonio::inference::{Method as Finder, Solver, infer};
 use gonio::lighting::{EnvironmentMap, LightGrid};
 use gonio::model::Model;
@@ -10,17 +12,17 @@ use gonio::render::{IntegratorSettings, LightTree, images_of_basis};
 use gonio::scene::Observations;
 use gonio::transfer::{PlanSettings, Projected};
 use gonio_io::cache::Cache;
-use serde_json::{Value, json};
+use gonio_io::result::{Cost, Exposure, Light, Reflectance, Residual, ResultDocument, SettingsSection, Transfer};
 
 use crate::plan::{PlanOrigin, load_or_build};
-use crate::{Method, Problem, ProgressLog, Search, Settings, Warning};
+use crate::{AppError, BasisSettings, Method, ProgressLog, Settings, Warning, document};
 
 /// Relative noise above which a result is unreliable: that of converged solutions is less than half
 /// of it.
 const UNEXPLAINED: f64 = 0.5;
 
 /// Result of a method of the paper.
-pub(crate) struct Coefficients {
+pub(crate) struct BasisResult {
     /// Reflectance, of albedo [`ALBEDO`].
     pub(crate) table: BivariateTable,
     /// The light on the scale of `table`, for a blind method.
@@ -28,37 +30,44 @@ pub(crate) struct Coefficients {
     /// Noise relative to the root mean square of the image.
     pub(crate) noise: f64,
     /// Sections of the result.
-    pub(crate) sections: Value,
+    pub(crate) document: ResultDocument,
 }
 
 /// Runs a method of the paper on the observations of `image`. Reports the stages `plan` and
 /// `inference`.
 pub(crate) fn find(
     (model, image): (&Model, &str),
-    (settings, search): (&Settings<'_>, &Search),
+    (settings, search): (&Settings<'_>, &BasisSettings),
     known: Option<&EnvironmentMap>,
     observations: &Observations,
     warnings: &mut Vec<Warning>,
     progress_log: &ProgressLog<'_>,
-) -> Result<Coefficients, Problem> {
-    let blame = |error: &dyn std::error::Error| Problem::of(image, error);
-    progress_log.at("plan", 0.0);
+) -> Result<BasisResult, AppError> {
+    let blame = |error: &dyn std::error::Error| AppError::of(image, error);
+    progress_log.report("plan", 0.0);
     let (projected, transfer) = match known {
         Some(light) => {
             let (tables, integrator) = (&model.reflectance.functions, IntegratorSettings::default());
-            let report = |x| progress_log.at("plan", x);
-            let rows = images_of_basis(observations.seen(), tables, &LightTree::of_map(light), &integrator, &report);
+            let report = |x| progress_log.report("plan", x);
+            let rows = images_of_basis(
+                observations.points_with_visibility(),
+                tables,
+                &LightTree::of_map(light),
+                &integrator,
+                &report,
+            );
             let projected = Projected::under_known_light(&rows, tables.len(), &observations.values);
-            (projected, json!({ "light": settings.method.light().map(|light| light.name("the light")) }))
+            let light = settings.method.light().map(|light| light.name("the light"));
+            (projected, Transfer { light, ..Transfer::default() })
         }
         None => project(model, settings.side, search.full_rows, observations, warnings, progress_log)
             .map_err(|error| blame(&*error))?,
     };
-    progress_log.at("inference", 0.0);
+    progress_log.report("inference", 0.0);
     let posterior = posterior(model, settings, search, &projected, progress_log).map_err(|error| blame(&error))?;
     let table = model.reflectance.combine(&posterior.reflectance).map_err(|error| blame(&error))?;
     if table.trusted_max() <= 0.0 {
-        return Err(Problem::of(image, "all reflectance coefficients are zero; check that the object is lit"));
+        return Err(AppError::of(image, "all reflectance coefficients are zero; check that the object is lit"));
     }
     if posterior.starts.iter().all(|s| !s.converged) {
         warnings.push(Warning::of(image, "no start of the solver converged; the result may be inaccurate"));
@@ -76,30 +85,46 @@ pub(crate) fn find(
         let radiance: Vec<f64> = posterior.light.iter().map(|l| l * posterior.exposure / scale).collect();
         LightGrid::from_coefficients(model.light.map, &radiance)
     });
-    let sections = json!({
-        "settings": {
-            "seed": search.seed, "starts": search.starts, "grid": settings.side,
-            "solver": format!("{:?}", search.solver), "paper": search.paper,
-            "model_error": (!search.paper).then_some(MODEL_ERROR),
-            "full_rows": search.full_rows,
+    let joint_map = matches!(settings.method, Method::JointMap(_));
+    let document = ResultDocument {
+        settings: SettingsSection {
+            grid: Some(settings.side),
+            seed: Some(search.seed),
+            starts: Some(search.starts),
+            solver: Some(format!("{:?}", search.solver)),
+            paper: Some(search.paper),
+            model_error: (!search.paper).then_some(MODEL_ERROR),
+            full_rows: Some(search.full_rows),
+            ..SettingsSection::default()
         },
-        "transfer": transfer,
-        "reflectance": {
-            "coefficients": posterior.reflectance,
-            "sd": posterior.reflectance_sd,
-            "scale": scale,
-            "note": "BRDF = scale * sum_k coefficients[k] * basis[k], in 1/sr with an albedo of 0.5 at normal incidence; a \
-                     photograph under unknown light does not determine the scale of reflectance",
+        transfer: Some(transfer),
+        reflectance: Reflectance {
+            normal_albedo: ALBEDO,
+            coefficients: posterior.reflectance.clone(),
+            sd: posterior.reflectance_sd.clone(),
+            scale: Some(scale),
+            ..Reflectance::default()
         },
-        "light": { "coefficients": posterior.light, "sd": posterior.light_sd },
-        "exposure": { "mean": posterior.exposure, "sd": posterior.exposure_sd },
-        "noise": { "sd": posterior.noise, "relative": noise },
-        "cost": {
-            "name": if matches!(settings.method, Method::JointMap(_)) { "minus log posterior" } else { "C_KL" },
-            "trace": posterior.trace, "starts": posterior.starts, "best_start": posterior.best_start,
-        },
-    });
-    Ok(Coefficients { table, light, noise, sections })
+        light: Some(Light {
+            coefficients: posterior.light.clone(),
+            sd: posterior.light_sd.clone(),
+            ..Light::default()
+        }),
+        exposure: Some(Exposure {
+            mean: Some(posterior.exposure),
+            sd: Some(posterior.exposure_sd),
+            ..Exposure::default()
+        }),
+        residual: Some(Residual { misfit: noise, noise_sd: Some(posterior.noise), ..Residual::default() }),
+        cost: Some(Cost {
+            name: if joint_map { "minus log posterior" } else { "C_KL" }.to_owned(),
+            trace: posterior.trace.clone(),
+            starts: posterior.starts.iter().map(Into::into).collect(),
+            best_start: posterior.best_start,
+        }),
+        ..document::new(settings.method.name())
+    };
+    Ok(BasisResult { table, light, noise, document })
 }
 
 /// Computes the rows for the inference, and the section `transfer` of the result.
@@ -110,19 +135,24 @@ fn project(
     observations: &Observations,
     warnings: &mut Vec<Warning>,
     progress_log: &ProgressLog<'_>,
-) -> Result<(Projected, Value), Box<dyn std::error::Error>> {
+) -> Result<(Projected, Transfer), Box<dyn std::error::Error>> {
     let tables = &model.reflectance.functions;
     let settings = PlanSettings { side, ..PlanSettings::default() };
     // With few observations, a plan would have more rows than there are values.
     if full_rows || observations.report.used <= settings.rank {
-        let projected =
-            Projected::unprojected(observations.seen(), &observations.values, tables, &model.light, &settings)?;
-        return Ok((projected, json!({ "rows": observations.report.used, "full_rows": true })));
+        let projected = Projected::unprojected(
+            observations.points_with_visibility(),
+            &observations.values,
+            tables,
+            &model.light,
+            &settings,
+        )?;
+        return Ok((projected, Transfer { rank: Some(observations.report.used), ..Transfer::default() }));
     }
     let cache = Cache::user();
-    let report = |x| progress_log.at("plan", x);
+    let report = |x| progress_log.report("plan", x);
     let (plan, origin, failed) =
-        load_or_build(cache.as_ref(), observations.seen(), tables, &model.light, &settings, &report)?;
+        load_or_build(cache.as_ref(), observations.points_with_visibility(), tables, &model.light, &settings, &report)?;
     if let Some(error) = failed {
         warnings.push(format!("the light transport plan was not cached: {error}").into());
     }
@@ -131,36 +161,37 @@ fn project(
     if left_over > 0.02 {
         warnings.push(
             format!(
-                "a light of {side} x {side} texels cannot reproduce {:.0} % of the image's energy with any basis \
-                 material; the roughness of a sharp material is probably overestimated",
+                "the basis functions in a light of {side} x {side} texels cannot reproduce {:.0} % of the image's energy; \
+                 the roughness of a sharp material is probably overestimated",
                 100.0 * left_over
             )
             .into(),
         );
     }
-    let notes = json!({
-        "plan": if matches!(origin, PlanOrigin::Cache) { "cache" } else { "built" },
-        "rank": projected.bilinear.rows(),
-        "left_out_a_priori": plan.left_out(),
-        "left_over_of_the_image": left_over,
-    });
-    Ok((projected, notes))
+    let transfer = Transfer {
+        light: None,
+        plan: Some(if matches!(origin, PlanOrigin::Cache) { "cache" } else { "built" }.to_owned()),
+        rank: Some(projected.bilinear.rows()),
+        truncated_prior_energy: Some(plan.left_out()),
+        unexplained_energy: Some(left_over),
+    };
+    Ok((projected, transfer))
 }
 
 fn posterior(
     model: &Model,
     settings: &Settings<'_>,
-    search: &Search,
+    search: &BasisSettings,
     projected: &Projected,
     progress_log: &ProgressLog<'_>,
 ) -> Result<Posterior, gonio::inference::ProblemError> {
     let rates = &model.reflectance.rates;
-    let Search { solver, starts, seed, paper, .. } = *search;
+    let BasisSettings { solver, starts, seed, paper, .. } = *search;
     let (hyper, variational) = if paper {
-        (Hyper::default(), VariationalSettings::of_paper(starts, seed))
+        (Hyperparameters::default(), VariationalSettings::of_paper(starts, seed))
     } else {
         let settings = VariationalSettings { solver, starts, seed, ..VariationalSettings::default() };
-        (Hyper::with_model_error(projected.pixels), settings)
+        (Hyperparameters::with_model_error(projected.pixels), settings)
     };
     let (problem, finder) = match settings.method {
         Method::KnownLightBasis(..) => {
@@ -177,5 +208,5 @@ fn posterior(
     };
     let known = model.reflectance.materials.iter().map(|m| m.coefficients.clone()).collect();
     let problem = if paper { problem } else { problem.starting_from(known) };
-    Ok(infer(&problem, &finder, &|x| progress_log.at("inference", x)))
+    Ok(infer(&problem, &finder, &|x| progress_log.report("inference", x)))
 }

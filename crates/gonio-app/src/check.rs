@@ -2,21 +2,21 @@
 
 use glam::Vec3;
 use gonio::picture::{Picture, Plane};
-use gonio::scene::{Circle, Found, ObservationSettings, separate_balls};
+use gonio::scene::{Circle, DetectedShape, ObservationSettings, separate_balls};
 use gonio_io::picture::InputSpace;
 use gonio_report::check::{draw, draw_candidates};
 use serde_json::{Value, json};
 
-use crate::regions::{Regions, may_be_several, parts};
+use crate::regions::{Regions, may_be_several, region_masks};
 use crate::scene::read_mask;
-use crate::{ObservedScene, Photograph, PhotographSource, Problem, ProgressLog, Scene, Warning, notes};
+use crate::{AppError, ObservedScene, Photograph, PhotographSource, ProgressLog, Scene, Warning};
 
 /// Result of checking a photograph.
-pub struct Checked {
+pub struct CheckResult {
     /// The photograph.
     pub picture: Picture,
     /// The objects, or the regions of one.
-    pub objects: Vec<Looked>,
+    pub objects: Vec<DetectedObject>,
     /// Warnings about the photograph.
     pub warnings: Vec<Warning>,
     /// Colour space of the photograph, unless it was in memory.
@@ -24,29 +24,29 @@ pub struct Checked {
 }
 
 /// A detected object or region.
-pub struct Looked {
+pub struct DetectedObject {
     /// Its name, if there are several.
     pub name: Option<String>,
     /// Its position and the status of its pixels.
-    pub seen: ObservedScene,
+    pub scene: ObservedScene,
 }
 
 /// Error of a check.
-pub struct Unchecked {
+pub struct CheckError {
     /// The error.
-    pub problem: Problem,
+    pub problem: AppError,
     /// The photograph with numbered candidate circles, as linear display values.
     pub candidates: Option<Plane<Vec3>>,
 }
 
-impl From<Problem> for Unchecked {
-    fn from(problem: Problem) -> Self {
+impl From<AppError> for CheckError {
+    fn from(problem: AppError) -> Self {
         Self { problem, candidates: None }
     }
 }
 
-impl Unchecked {
-    fn of(problem: Problem, picture: &Picture) -> Self {
+impl CheckError {
+    fn of(problem: AppError, picture: &Picture) -> Self {
         let circles = problem.candidates();
         let candidates = (!circles.is_empty()).then(|| draw_candidates(picture, circles));
         Self { problem, candidates }
@@ -59,10 +59,14 @@ impl Unchecked {
 /// # Errors
 /// If a file cannot be read, or an object is not detected or has too few usable pixels. The error
 /// names the faulty input.
-pub fn check(mut scene: Scene, regions: Option<Regions>, progress_log: &ProgressLog<'_>) -> Result<Checked, Unchecked> {
+pub fn check(
+    mut scene: Scene,
+    regions: Option<Regions>,
+    progress_log: &ProgressLog<'_>,
+) -> Result<CheckResult, CheckError> {
     let mut warnings = Vec::new();
-    progress_log.at("reading", 0.0);
-    let shots = std::mem::replace(&mut scene.shots, PhotographSource::Files(Vec::new()));
+    progress_log.report("reading", 0.0);
+    let shots = std::mem::replace(&mut scene.photograph, PhotographSource::Files(Vec::new()));
     let photograph: Photograph = shots.read(&scene.reading, scene.clip, &mut warnings)?;
     let mut of_mask = Vec::new();
     let mask = read_mask(scene.mask.clone(), photograph.picture.rgb.size(), &mut of_mask)?;
@@ -72,43 +76,43 @@ pub fn check(mut scene: Scene, regions: Option<Regions>, progress_log: &Progress
     if regions.is_some() {
         warnings.append(&mut of_mask);
     }
-    let mut look = |scene: Scene| scene.look(&ObservationSettings::default(), None, &mut warnings, progress_log);
+    let mut look = |scene: Scene| scene.observe(&ObservationSettings::default(), None, &mut warnings, progress_log);
     let objects = match &regions {
         None => {
-            let seen = look(Scene { shots: PhotographSource::Read(photograph.clone()), ..scene })
-                .map_err(|problem| Unchecked::of(problem, &photograph.picture))?;
-            vec![Looked { name: None, seen }]
+            let seen = look(Scene { photograph: PhotographSource::Read(Box::new(photograph.clone())), ..scene })
+                .map_err(|problem| CheckError::of(problem, &photograph.picture))?;
+            vec![DetectedObject { name: None, scene: seen }]
         }
         Some(regions) => {
             let mut objects = Vec::new();
-            let parts = parts(&photograph.picture, mask.as_ref(), &scene, regions)
-                .map_err(|problem| Unchecked::of(problem, &photograph.picture))?;
+            let parts = region_masks(&photograph.picture, mask.as_ref(), &scene, regions)
+                .map_err(|problem| CheckError::of(problem, &photograph.picture))?;
             for part in parts {
                 let seen = look(part.scene(&scene, &photograph))
                     .map_err(|problem| problem.within(&format!("region {}", part.name)))?;
-                objects.push(Looked { name: Some(part.name), seen });
+                objects.push(DetectedObject { name: Some(part.name), scene: seen });
             }
             objects
         }
     };
-    Ok(Checked { picture: photograph.picture, objects, warnings, space: photograph.space })
+    Ok(CheckResult { picture: photograph.picture, objects, warnings, space: photograph.space })
 }
 
-impl Checked {
+impl CheckResult {
     /// Draws outlines, clipped and faulty pixels on the photograph, as linear display values.
     pub fn draw(&self) -> Plane<Vec3> {
-        let sightings: Vec<_> = self.objects.iter().map(|object| &object.seen.detection).collect();
+        let sightings: Vec<_> = self.objects.iter().map(|object| &object.scene.detection).collect();
         draw(&self.picture, &sightings)
     }
 
     /// Returns all numbers by name.
     pub fn notes(&self) -> Value {
         let (width, height) = self.picture.rgb.size();
-        let object = |object: &Looked| {
-            let mut notes = notes::detection(&object.seen.detection);
+        let object = |object: &DetectedObject| {
+            let mut notes = json!(object.scene.observations());
             notes["name"] = json!(object.name);
             notes["coverage"] = json!(object.coverage());
-            notes["reference"] = json!(object.seen.reference.as_ref().map(|reference| reference.notes(None)));
+            notes["reference"] = json!(object.scene.reference.as_ref().map(|reference| reference.section(None)));
             notes
         };
         let space = self.space.as_ref().map(
@@ -118,38 +122,38 @@ impl Checked {
     }
 }
 
-impl Looked {
+impl DetectedObject {
     /// Returns the fraction of the image that the object covers.
     pub fn coverage(&self) -> f64 {
-        let detection = &self.seen.detection;
-        let (width, height) = self.seen.picture.rgb.size();
+        let detection = &self.scene.detection;
+        let (width, height) = self.scene.picture.rgb.size();
         let inside = (0..width * height).filter(|i| detection.contains(i % width, i / width));
         inside.count() as f64 / (width * height).max(1) as f64
     }
 
     /// Describes the detected shape.
     pub fn outline(&self) -> String {
-        match &self.seen.detection.found {
-            Found::Circle(circle) => {
+        match &self.scene.detection.shape {
+            DetectedShape::Circle(circle) => {
                 let Circle { x, y, radius } = circle;
-                let sure = self.seen.detection.sureness.map(|sure| format!(", {sure}")).unwrap_or_default();
+                let sure = self.scene.detection.reliability.map(|sure| format!(", {sure}")).unwrap_or_default();
                 format!("ball, circle {x:.1},{y:.1},{radius:.1} (x, y, radius in pixels){sure}")
             }
-            Found::Ball(centre) => {
+            DetectedShape::Ball(centre) => {
                 format!(
                     "ball with centre in direction {:.2},{:.2},{:.2} in camera coordinates",
                     centre.x, centre.y, centre.z
                 )
             }
-            Found::Ellipse(ellipse, depth) => {
+            DetectedShape::Ellipse(ellipse, depth) => {
                 format!(
                     "ellipsoid, semi-axes {:.1} and {:.1} pixels, {depth:.1} pixels along the optical axis",
                     ellipse.axes.0, ellipse.axes.1
                 )
             }
-            Found::Outline(depth) => format!("surface inflated from the outline, depth factor {depth:.2}"),
-            Found::Surface => "mesh".to_owned(),
-            Found::Normals(_) => "shape from a normal map".to_owned(),
+            DetectedShape::Outline(depth) => format!("surface inflated from the outline, depth factor {depth:.2}"),
+            DetectedShape::Surface => "mesh".to_owned(),
+            DetectedShape::Normals(_) => "shape from a normal map".to_owned(),
         }
     }
 }

@@ -3,8 +3,8 @@
 use std::path::{Path, PathBuf};
 
 use glam::Vec3;
-use gonio::colour::{ChromaField, SavedChroma};
-use gonio::estimate::{ALBEDO, Colouring, Combined, EstimateError, Material, SHARES, combine as multiply};
+use gonio::colour::{Chroma, ChromaField, SavedChroma};
+use gonio::estimate::{ALBEDO, Colouring, Combined, EstimateError, Material, combine as multiply};
 use gonio::inference::ProductError;
 use gonio::inference::learnt::MaterialPosterior;
 use gonio::model::Model;
@@ -13,19 +13,20 @@ use gonio::reflectance::BivariateTable;
 use gonio_io::colour_space::ColourSpace;
 use gonio_io::picture::encode_png;
 use gonio_io::posterior::{self, SavedPosterior};
-use gonio_io::result_brdf::Quantiles;
+use gonio_io::result::{self, Colour, ColourSpaces, CombinedPhotograph, ModelSection, ResultDocument, UncertainColour};
+use gonio_io::result_brdf::BrdfQuantiles;
 use gonio_report::combined::{Shown, compose};
 use gonio_report::uncertainty;
-use serde_json::{Value, json};
 
-use crate::results::{BRDF, Files, levels};
-use crate::{Problem, ProgressLog, notes};
+use crate::document::{combined, new, reflectance};
+use crate::results::{Files, levels};
+use crate::{AppError, ProgressLog};
 
 /// Largest number of photographs in the picture.
 const SHOWN: usize = 12;
 
 /// Combined result of several photographs.
-pub struct CombinedAnswer {
+pub struct CombinedResult {
     /// The material, scaled to an albedo of 0.5 at normal incidence.
     pub material: Material,
     /// Chroma of each cell: the mean over the photographs, weighted by inverse variance.
@@ -35,7 +36,7 @@ pub struct CombinedAnswer {
     /// Pictures by name, as linear display values.
     pub pictures: Vec<(&'static str, Plane<Vec3>)>,
     /// Contents of `result.json`.
-    pub notes: Value,
+    pub document: ResultDocument,
     /// Posterior to combine with further photographs.
     pub saved: SavedPosterior,
 }
@@ -56,7 +57,7 @@ fn saved_chroma(colouring: &Colouring) -> Option<SavedChroma> {
 ///
 /// # Errors
 /// If a folder has no posterior, or it cannot be read.
-pub fn read_posteriors(folders: &[PathBuf]) -> Result<Vec<(String, SavedPosterior)>, Problem> {
+pub fn read_posteriors(folders: &[PathBuf]) -> Result<Vec<(String, SavedPosterior)>, AppError> {
     let read = |folder: &PathBuf| {
         let name = folder.display().to_string();
         if folder.is_dir() && !folder.join(posterior::FILE).is_file() {
@@ -64,7 +65,7 @@ pub fn read_posteriors(folders: &[PathBuf]) -> Result<Vec<(String, SavedPosterio
                 "does not contain {}; specify result folders of the learnt or known-light method",
                 posterior::FILE
             );
-            return Err(Problem::of(name, problem));
+            return Err(AppError::of(name, problem));
         }
         Ok((name, SavedPosterior::read(folder)?))
     };
@@ -82,18 +83,21 @@ pub fn combine(
     (model, model_name): (&Model, &str),
     given: &[(String, SavedPosterior)],
     progress_log: &ProgressLog<'_>,
-) -> Result<CombinedAnswer, Problem> {
-    let learnt = model.learnt.as_ref().ok_or_else(|| Problem::of(model_name, "has no posterior of materials"))?;
+) -> Result<CombinedResult, AppError> {
+    let learnt = model.learnt.as_ref().ok_or_else(|| AppError::of(model_name, "has no posterior of materials"))?;
     let other = "was inferred with another model; combine results of one model, and specify that model";
     if let Some((name, _)) = given.iter().find(|(_, saved)| saved.model != learnt.id()) {
-        return Err(Problem::of(name, other));
+        return Err(AppError::of(name, other));
     }
     for (at, (name, saved)) in given.iter().enumerate() {
         if let Some((first, _)) = given[..at].iter().find(|(_, other)| other.likelihood == saved.likelihood) {
-            return Err(Problem::of(name, format!("has the same photograph as {first}; specify each photograph once")));
+            return Err(AppError::of(
+                name,
+                format!("has the same photograph as {first}; specify each photograph once"),
+            ));
         }
     }
-    progress_log.at("posterior", 0.0);
+    progress_log.report("posterior", 0.0);
     let likelihoods: Vec<_> = given.iter().map(|(_, saved)| saved.likelihood.clone()).collect();
     let Combined { material, agreement } = multiply(model, &likelihoods).map_err(|error| blame(given, &error))?;
     let saved: Vec<SavedChroma> = given.iter().filter_map(|(_, saved)| saved.chroma.clone()).collect();
@@ -101,26 +105,22 @@ pub fn combine(
     let field = chroma.as_ref().map_or(ChromaField::GREY, SavedChroma::field);
     let alone: Vec<MaterialPosterior> =
         likelihoods.into_iter().filter_map(|likelihood| MaterialPosterior::of(learnt, likelihood)).collect();
-    progress_log.at("drawing", 0.0);
+    progress_log.report("drawing", 0.0);
     let pictures = draw(given, &material, &alone, &field);
     let images: Vec<String> = given.iter().flat_map(|(_, saved)| saved.images.clone()).collect();
     let both = SavedPosterior::new(learnt.id(), images, material.posterior.likelihood.clone(), chroma.clone());
-    let notes = account(model, given, &material, &agreement, (&field, chroma.as_ref()), progress_log);
-    Ok(CombinedAnswer { material, field, agreement, pictures, notes, saved: both })
+    let document = document(model, given, &material, &agreement, (&field, chroma.as_ref()), progress_log);
+    Ok(CombinedResult { material, field, agreement, pictures, document, saved: both })
 }
 
 /// Converts the error and adds the name of the faulty photograph, if there is one.
-fn blame(given: &[(String, SavedPosterior)], error: &EstimateError) -> Problem {
+fn blame(given: &[(String, SavedPosterior)], error: &EstimateError) -> AppError {
     match error {
         EstimateError::Product(ProductError::Contradiction { at, .. } | ProductError::Model(at)) => {
-            Problem::of(&given[*at].0, error)
+            AppError::of(&given[*at].0, error)
         }
-        error => Problem::new(error.to_string()),
+        error => AppError::new(error.to_string()),
     }
-}
-
-fn gloss(low: f64, median: f64, high: f64) -> String {
-    format!("gloss {median:.1} ({low:.1} to {high:.1})")
 }
 
 fn draw(
@@ -130,8 +130,7 @@ fn draw(
     field: &ChromaField,
 ) -> Vec<(&'static str, Plane<Vec3>)> {
     let coloured = |table: &BivariateTable| field.tables(table);
-    let [low, median, high] = material.gloss;
-    let combined = [
+    let spheres = [
         ("combined", &material.table),
         ("dull end of the interval (5 %)", &material.ends.tables[0]),
         ("glossy end of the interval (95 %)", &material.ends.tables[1]),
@@ -147,69 +146,65 @@ fn draw(
             Shown { label, tables: coloured(&posterior.mean.with_normal_albedo(ALBEDO).0) }
         })
         .collect();
-    let caption = format!("combined from {} photographs | {}", given.len(), gloss(low, median, high));
-    let (sheet, sphere) = compose(&combined, &singles, &caption);
+    let caption = format!("combined from {} photographs | {}", given.len(), material.verdict());
+    let (sheet, sphere) = compose(&spheres, &singles, &caption);
     vec![("relit", sphere), ("combined", sheet), ("uncertainty", uncertainty::draw(material))]
 }
 
-fn account(
+/// Returns the contents of `result.json`.
+fn document(
     model: &Model,
     given: &[(String, SavedPosterior)],
     material: &Material,
     agreement: &[f64],
     (field, chroma): (&ChromaField, Option<&SavedChroma>),
     progress_log: &ProgressLog<'_>,
-) -> Value {
-    let (body, highlight) = (field.body(&material.table), field.highlight(&material.table));
-    let photographs: Vec<Value> = given
-        .iter()
-        .zip(agreement)
-        .map(|((name, saved), agreement)| json!({ "folder": name, "images": saved.images, "agreement": agreement }))
-        .collect();
-    let seconds: serde_json::Map<String, Value> =
-        progress_log.seconds().into_iter().map(|(stage, seconds)| (stage.to_owned(), json!(seconds))).collect();
-    json!({
-        "format": "gonio-result",
-        "version": 1,
-        "gonio": env!("CARGO_PKG_VERSION"),
-        "method": "combine",
-        "model": { "provenance": model.provenance },
-        "photographs": photographs,
-        "posterior": notes::combined(material),
-        "reflectance": {
-            "quantiles": BRDF,
-            "shares": SHARES,
-            "note": "brdf.npz contains the estimate from all photographs, in 1/sr with an albedo of 0.5 at normal incidence; \
-                     agreement: log odds that this photograph shows the same material as the others",
+) -> ResultDocument {
+    let part = |chroma: Chroma, sd: Option<[f64; 2]>| {
+        let rgb = chroma.rgb().to_array();
+        Some(UncertainColour {
+            rgb,
+            log_chroma: chroma.0,
+            interval_90: None,
+            log_chroma_sd: sd,
+            quantile_colours: Vec::new(),
+        })
+    };
+    let photograph = |((name, saved), agreement): (&(String, SavedPosterior), &f64)| CombinedPhotograph {
+        folder: name.clone(),
+        images: saved.images.clone(),
+        agreement: *agreement,
+    };
+    ResultDocument {
+        model: ModelSection { provenance: model.provenance.clone(), ..ModelSection::default() },
+        photographs: given.iter().zip(agreement).map(photograph).collect(),
+        posterior: Some(combined(material)),
+        reflectance: reflectance(None),
+        colour: Colour {
+            source: "estimate".to_owned(),
+            body: part(field.body(&material.table), chroma.map(|c| c.body_sd)),
+            highlight: part(field.highlight(&material.table), None),
+            ..Colour::default()
         },
-        "colour": {
-            "body": { "rgb": body.rgb().to_array(), "log_chroma": body.0, "log_chroma_sd": chroma.map(|c| c.body_sd) },
-            "highlight": { "rgb": highlight.rgb().to_array(), "log_chroma": highlight.0 },
-        },
-        "colorspace": { "output": ColourSpace::Rec709.name() },
-        "warnings": [],
-        "seconds": seconds,
-    })
+        colorspace: ColourSpaces { output: ColourSpace::Rec709.name().to_owned(), ..ColourSpaces::default() },
+        seconds: progress_log.seconds().into_iter().map(|(stage, seconds)| (stage.to_owned(), seconds)).collect(),
+        ..new("combine")
+    }
 }
 
-impl CombinedAnswer {
+impl CombinedResult {
     /// Returns the contents of the folder of results.
-    ///
-    /// # Errors
-    /// If the numbers cannot be written as JSON.
-    pub fn files(&self) -> Result<Files, Problem> {
-        let notes = serde_json::to_string_pretty(&self.notes)
-            .map_err(|error| Problem::of("cannot encode the result as JSON", error))?;
+    pub fn files(&self) -> Files {
         let luminance = self.material.quantiles.clone();
-        Ok(Files {
+        Files {
             tables: self.field.tables(&self.material.table),
-            quantiles: Some(Quantiles { levels: levels(), luminance, channels: None }),
+            quantiles: Some(BrdfQuantiles { levels: levels(), luminance, channels: None }),
             posterior: Some(self.saved.encode()),
             light: None,
             pictures: self.pictures.iter().map(|(name, picture)| (*name, encode_png(picture))).collect(),
-            notes,
+            document: result::encode(&self.document),
             page: None,
             space: ColourSpace::Rec709,
-        })
+        }
     }
 }

@@ -8,18 +8,17 @@ use std::path::{Component, Path, PathBuf};
 use glam::Vec3;
 use gonio::picture::Plane;
 use gonio::reflectance::BivariateTable;
-use gonio_io::picture::ReadOptions;
-use gonio_io::{notes, picture};
-use gonio_report::compare::{Comparison, Entry, Found, MOST, MOST_PICTURES, thumbnail};
+use gonio_io::picture::{self, ReadOptions};
+use gonio_io::result::{self, RegionEntry, ResultDocument, ResultFile};
+use gonio_report::compare::{Comparison, Entry, FolderContents, MAX_COMPARED, MAX_PICTURES, thumbnail};
 use gonio_report::page::GENERATOR;
 use gonio_report::summary;
 use rayon::prelude::*;
-use serde_json::Value;
 
-use crate::folder::{is_plain, texts};
-use crate::regions::MOST as MOST_REGIONS;
+use crate::folder::is_plain;
+use crate::regions::MAX_REGIONS;
 use crate::results::{BRDF, PICTURES, REPORT, RESULT, brdf_in};
-use crate::{Problem, read_brdf};
+use crate::{AppError, read_brdf};
 
 /// Default name of the page.
 pub const PAGE: &str = "compare.html";
@@ -31,7 +30,7 @@ const BEGINNING: u64 = 1024;
 
 /// A folder of results to compare.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Given {
+pub struct ComparedFolder {
     /// Name on the page.
     pub name: String,
     /// The folder.
@@ -53,8 +52,9 @@ pub fn names(folders: &[PathBuf]) -> Vec<String> {
 ///
 /// # Errors
 /// If `result.json` cannot be read or was not written by gonio.
-pub fn check(folder: &Path) -> Result<(), Problem> {
-    kind(folder, &notes::read(&folder.join(RESULT))?).map(|_| ()).map_err(Problem::new)
+pub fn check(folder: &Path) -> Result<(), AppError> {
+    result::read(&folder.join(RESULT))?;
+    Ok(())
 }
 
 /// Whether gonio wrote a page, so that a new page may replace it.
@@ -66,67 +66,54 @@ pub fn is_page(path: &Path) -> bool {
 
 /// Reads all results. The page reports missing and damaged files. `page` is its path: it links to
 /// the reports in folders below its own.
-pub fn read(given: &[Given], page: &Path) -> Comparison {
+pub fn read(given: &[ComparedFolder], page: &Path) -> Comparison {
+    Comparison::of(entries(given, page))
+}
+
+/// Reads all results, like [`read`], without comparing them.
+pub fn entries(given: &[ComparedFolder], page: &Path) -> Vec<Entry> {
     let folders: Vec<Folder> = given.par_iter().flat_map_iter(Folder::of).collect();
-    let (tables, pictures) = (folders.len() <= MOST, folders.len() <= MOST_PICTURES);
+    let (tables, pictures) = (folders.len() <= MAX_COMPARED, folders.len() <= MAX_PICTURES);
     let beside = page.parent().unwrap_or(Path::new(""));
-    Comparison::of(folders.into_par_iter().map(|folder| folder.entry(beside, tables, pictures)).collect())
-}
-
-/// Content of `result.json`.
-enum Kind {
-    One,
-    /// Names and folders of regions.
-    Regions(Vec<String>),
-}
-
-fn kind(folder: &Path, notes: &Value) -> Result<Kind, String> {
-    match notes["format"].as_str() {
-        Some("gonio-result") => Ok(Kind::One),
-        Some("gonio-regions") => {
-            let regions = texts(&notes["regions"], |region| &region["folder"]);
-            Ok(Kind::Regions(regions.filter(|name| is_plain(name)).take(MOST_REGIONS).collect()))
-        }
-        _ => Err(format!("{}: is not a result of gonio infer", folder.join(RESULT).display())),
-    }
+    folders.into_par_iter().map(|folder| folder.entry(beside, tables, pictures)).collect()
 }
 
 /// A folder with the result of one material.
 struct Folder {
     name: String,
     path: PathBuf,
-    notes: Result<Value, String>,
+    result: Result<ResultDocument, String>,
 }
 
 impl Folder {
     /// Returns the result of a folder, or the results of its regions.
-    fn of(given: &Given) -> Vec<Self> {
-        let one = |name: String, path: PathBuf, notes| vec![Self { name, path, notes }];
+    fn of(given: &ComparedFolder) -> Vec<Self> {
+        let one = |name: String, path: PathBuf, result| vec![Self { name, path, result }];
         let (name, path) = (given.name.clone(), given.folder.clone());
         if let Some(failed) = &given.failed {
             return one(name, path, Err(failed.clone()));
         }
-        let read = notes::read(&path.join(RESULT)).map_err(|error| error.to_string());
-        match read.and_then(|notes| Ok((kind(&path, &notes)?, notes))) {
-            Ok((Kind::Regions(regions), _)) => {
-                let region = |region: String| {
-                    let path = path.join(&region);
-                    let notes = notes::read(&path.join(RESULT)).map_err(|error| error.to_string());
-                    Self { name: format!("{name}/{region}"), path, notes }
+        match result::read(&path.join(RESULT)) {
+            Ok(ResultFile::Regions(document)) => {
+                let region = |region: RegionEntry| {
+                    let path = path.join(&region.folder);
+                    let result = material(&path);
+                    Self { name: format!("{name}/{}", region.folder), path, result }
                 };
-                regions.into_iter().map(region).collect()
+                let inside = document.regions.into_iter().filter(|region| is_plain(&region.folder));
+                inside.take(MAX_REGIONS).map(region).collect()
             }
-            Ok((Kind::One, notes)) => one(name, path, Ok(notes)),
-            Err(fault) => one(name, path, Err(fault)),
+            Ok(ResultFile::Material(document)) => one(name, path, Ok(*document)),
+            Err(error) => one(name, path, Err(error.to_string())),
         }
     }
 
     /// Reads the contents that the page shows.
     fn entry(self, beside: &Path, tables: bool, pictures: bool) -> Entry {
-        let Self { name, path, notes } = self;
+        let Self { name, path, result } = self;
         let report = path.join(REPORT);
         let report = report.is_file().then(|| address(&report, beside)).flatten();
-        let found = notes.map(|notes| {
+        let found = result.map(|result| {
             let mut faults = Vec::new();
             let mut image = |name: &str| {
                 let file = path.join(format!("{name}.png"));
@@ -142,9 +129,18 @@ impl Folder {
                     None
                 }
             };
-            Found { notes, photograph, sphere, table, faults }
+            FolderContents { result, photograph, sphere, table, faults }
         });
-        Entry { name, report, found }
+        Entry { name, report, contents: found }
+    }
+}
+
+/// Reads the result of one material in a folder.
+fn material(folder: &Path) -> Result<ResultDocument, String> {
+    let file = folder.join(RESULT);
+    match result::read(&file).map_err(|error| error.to_string())? {
+        ResultFile::Material(document) => Ok(*document),
+        ResultFile::Regions(_) => Err(format!("{}: a region cannot contain regions", file.display())),
     }
 }
 
@@ -215,8 +211,8 @@ mod tests {
             "{\"format\": \"gonio-regions\", \"regions\": [{\"folder\": \"1\"}, {\"folder\": \"../old\"}]}",
         );
         write("regions/1/result.json", "{\"format\": \"gonio-result\"}");
-        let given = |name: &str| Given { name: name.into(), folder: dir.path().join(name), failed: None };
-        let failed = Given { failed: Some("no photograph".into()), ..given("failed") };
+        let given = |name: &str| ComparedFolder { name: name.into(), folder: dir.path().join(name), failed: None };
+        let failed = ComparedFolder { failed: Some("no photograph".into()), ..given("failed") };
         let all = ["old", "broken", "other", "regions", "missing"].map(given);
         let comparison = read(&[&all[..], &[failed]].concat(), &dir.path().join(PAGE));
         assert_eq!(comparison.count(), 6);

@@ -3,13 +3,13 @@
 use std::path::Path;
 
 use gonio::estimate::{ALBEDO, predictive_draws};
-use gonio::inference::learnt::peak_over_base;
+use gonio::inference::learnt::peak_to_body;
 use gonio::model::Model;
 use gonio::reflectance::BivariateTable;
 use gonio_io::posterior::{FILE, SavedPosterior};
 
 use crate::results::brdf_in;
-use crate::{Problem, read_brdf};
+use crate::{AppError, read_brdf};
 
 /// Returns posterior predictive draws of the BRDF in a folder of results, in 1/sr and linear Rec.
 /// 709, from dull to glossy.
@@ -26,16 +26,19 @@ pub fn of_result(
     (model, model_name): (&Model, &str),
     count: usize,
     seed: u64,
-) -> Result<Vec<[BivariateTable; 3]>, Problem> {
+) -> Result<Vec<[BivariateTable; 3]>, AppError> {
     let name = folder.display();
     let Some(file) = brdf_in(folder).filter(|_| folder.join(FILE).is_file()) else {
         let problem =
             format!("does not contain a BRDF and {FILE}; specify a result folder of the learnt or known-light method");
-        return Err(Problem::of(name, problem));
+        return Err(AppError::of(name, problem));
     };
     let saved = SavedPosterior::read(folder)?;
     let drawn = predictive_draws(model, &saved.likelihood, count, seed).map_err(|_| {
-        Problem::of(name, format!("was inferred with another model than {model_name}; specify that model with --model"))
+        AppError::of(
+            name,
+            format!("was inferred with another model than {model_name}; specify that model with --model"),
+        )
     })?;
     let table = read_brdf(&file)?;
     let estimate = [0, 1, 2].map(|c| table.bivariate(c));
@@ -51,7 +54,7 @@ pub fn of_result(
             BivariateTable::from_vec(draw.as_slice().iter().zip(ratios).map(|(value, ratio)| value * ratio).collect())
         })
     };
-    let mut ranked: Vec<(f64, BivariateTable)> = drawn.into_iter().map(|draw| (peak_over_base(&draw), draw)).collect();
+    let mut ranked: Vec<(f64, BivariateTable)> = drawn.into_iter().map(|draw| (peak_to_body(&draw), draw)).collect();
     ranked.sort_by(|a, b| a.0.total_cmp(&b.0));
     Ok(ranked.into_iter().map(coloured).collect())
 }

@@ -1,6 +1,7 @@
 //! Exports a BRDF as files and parameters for renderers, with the error of each
 //! (`docs/exports.md`).
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use glam::Vec3;
@@ -8,8 +9,6 @@ use gonio::lighting::{EnvironmentMap, studio_light};
 use gonio::reflectance::{BivariateTable, MerlTable};
 use gonio::render::{Exposure, LightTree, SphereSettings, render_sphere};
 use gonio::shading::{ColourCookTorrance, ColourWard, Fitted, Fitter, Layered, MetallicRoughness, Principled, Shading};
-use serde_json::{Map, Value, json};
-
 use gonio_io::atomic::StagedFolder;
 use gonio_io::colour_space::ColourSpace;
 use gonio_io::material::{
@@ -17,11 +16,12 @@ use gonio_io::material::{
     poor_fit,
 };
 use gonio_io::picture::encode_exr_in;
-use gonio_io::{Error, merl, notes, rgl};
+use gonio_io::result::{self, ExportDocument, ExportEntry};
+use gonio_io::{Error, merl, rgl};
 
-use crate::results::{LIGHT, LIGHT_ROWS, RESULT};
+use crate::results::{LIGHT, LIGHT_ROWS, document_in};
 use crate::spaces::{from_rec709, merl_from_rec709, merl_to_rec709};
-use crate::{Problem, read_light};
+use crate::{AppError, read_light};
 
 /// Summary of the exports, in the same folder.
 pub const SUMMARY: &str = "export.json";
@@ -109,7 +109,7 @@ pub struct Export {
     /// The BRDF, by channel.
     pub tables: [BivariateTable; 3],
     /// BRDF over all three angles, for MERL tables.
-    pub whole: Option<MerlTable>,
+    pub full_table: Option<MerlTable>,
     /// Light of the exported scenes: that of the photograph, or a studio if `None`.
     pub light: Option<EnvironmentMap>,
     /// Colour space of the targets `merl` and `bsdf` (RGB). All other targets are in linear
@@ -137,8 +137,8 @@ impl Export {
         targets: &[Target],
         input: &str,
         progress: &dyn Fn(f64),
-    ) -> Result<Option<Value>, Error> {
-        let Self { name, mut tables, whole, light, space, albedo, absolute, with_tables } = self;
+    ) -> Result<Option<ExportDocument>, Error> {
+        let Self { name, mut tables, full_table: whole, light, space, albedo, absolute, with_tables } = self;
         let measured = BivariateTable::luminance(&tables).normal_albedo();
         if !(measured > 0.0 && measured.is_finite()) {
             return Ok(None);
@@ -166,7 +166,7 @@ impl Export {
             whole: whole.filter(|_| scale == 1.0),
             with_tables,
             space,
-            entries: Map::new(),
+            entries: BTreeMap::new(),
             warnings: Vec::new(),
         };
         for (i, target) in targets.iter().enumerate() {
@@ -175,30 +175,26 @@ impl Export {
         }
         writer.scene(targets)?;
         progress(1.0);
-        let summary = json!({
-            "format": "gonio-export",
-            "version": 1,
-            "gonio": env!("CARGO_PKG_VERSION"),
-            "input": input,
-            "name": writer.name,
-            "albedo": measured * scale,
-            "albedo_source": source,
-            "light": if found { "of the results" } else { "studio" },
-            "exports": writer.entries,
-            "warnings": writer.warnings,
-            "note": "albedo_source: option, input (as in the input), or fit (the photograph does not determine the scale; the models of renderers \
-                     fit best at this albedo); relight: relative root mean square error of a sphere rendered with the export in a studio light, compared with the BRDF; \
-                     log_relight: the same error of logarithms, for values above 1 % of the mean; colorspace: linear space of the colours of each export; \
-                     light.exr is in rec709",
-        });
-        folder.write(SUMMARY, pretty(&summary).as_bytes())?;
+        let summary = ExportDocument {
+            format: ExportDocument::FORMAT.to_owned(),
+            version: ExportDocument::VERSION,
+            gonio: env!("CARGO_PKG_VERSION").to_owned(),
+            input: input.to_owned(),
+            name: writer.name,
+            albedo: measured * scale,
+            albedo_source: source.to_owned(),
+            light: if found { "of the results" } else { "studio" }.to_owned(),
+            exports: writer.entries,
+            warnings: writer.warnings,
+        };
+        folder.write(SUMMARY, result::encode(&summary).as_bytes())?;
         Ok(Some(summary))
     }
 }
 
 /// Whether the scale of the BRDF in a folder of results is known.
 pub fn is_absolute(dir: &Path) -> bool {
-    notes::read(&dir.join(RESULT)).is_ok_and(|notes| notes["reflectance"]["absolute"] == true)
+    document_in(dir).is_some_and(|document| document.reflectance.absolute)
 }
 
 /// Reads the light of a folder of results in colour, for [`Export::light`]; `None` if the folder
@@ -206,15 +202,13 @@ pub fn is_absolute(dir: &Path) -> bool {
 ///
 /// # Errors
 /// If the file cannot be read.
-pub fn light_of_results(dir: &Path) -> Result<Option<EnvironmentMap>, Problem> {
+pub fn light_of_results(dir: &Path) -> Result<Option<EnvironmentMap>, AppError> {
     let file = dir.join(LIGHT);
     if !file.is_file() {
         return Ok(None);
     }
     let light = read_light(&file, None)?;
-    let colour: Option<[f32; 3]> = notes::read(&dir.join(RESULT))
-        .ok()
-        .and_then(|notes| serde_json::from_value(notes["colour"]["light"]["rgb"].clone()).ok());
+    let colour = document_in(dir).and_then(|document| Some(document.colour.light?.rgb.map(|x| x as f32)));
     Ok(Some(colour.map_or_else(|| light.clone(), |colour| coloured(&light, Vec3::from(colour)))))
 }
 
@@ -249,7 +243,7 @@ struct Writer<'a> {
     with_tables: bool,
     /// Colour space of the tables to write.
     space: ColourSpace,
-    entries: Map<String, Value>,
+    entries: BTreeMap<String, ExportEntry>,
     warnings: Vec<String>,
 }
 
@@ -382,9 +376,10 @@ impl Writer<'_> {
     ) -> Result<(), Error> {
         self.folder.write(file, bytes)?;
         let (relight, log_relight) = self.fitter.compare(&tables);
-        self.note(
+        let files = vec![file.to_owned()];
+        self.add(
             target,
-            json!({ "files": [file], "relight": relight, "log_relight": log_relight, "conventions": note }),
+            ExportEntry { files, relight, log_relight, conventions: note.to_owned(), ..ExportEntry::default() },
         );
         Ok(())
     }
@@ -400,13 +395,15 @@ impl Writer<'_> {
     ) -> Result<(), Error> {
         self.folder.write(file, bytes)?;
         self.warnings.extend(poor_fit(fitted.relight).map(|problem| format!("{file}: {problem}")));
-        self.note(
-            target,
-            json!({
-                "files": [file], "parameters": fitted.model, "relight": fitted.relight, "log_relight": fitted.log_relight,
-                "conventions": note,
-            }),
-        );
+        let entry = ExportEntry {
+            files: vec![file.to_owned()],
+            parameters: serde_json::to_value(&fitted.model).expect("parameters are JSON"),
+            relight: fitted.relight,
+            log_relight: fitted.log_relight,
+            conventions: note.to_owned(),
+            colorspace: String::new(),
+        };
+        self.add(target, entry);
         if self.with_tables {
             let table = format!("{}.binary", file.split('.').next().unwrap_or(file));
             let tables = fitted.model.to_bivariate(2);
@@ -416,15 +413,14 @@ impl Writer<'_> {
         Ok(())
     }
 
-    fn note(&mut self, target: Target, mut entry: Value) {
+    fn add(&mut self, target: Target, entry: ExportEntry) {
         let space = if matches!(target, Target::Merl | Target::Bsdf) { self.space } else { ColourSpace::Rec709 };
-        entry["colorspace"] = json!(space.name());
-        self.entries.insert(target.names().0.to_owned(), entry);
+        self.entries.insert(target.names().0.to_owned(), ExportEntry { colorspace: space.name().to_owned(), ..entry });
     }
 
     fn add_files(&mut self, target: Target, more: &[&str]) {
-        if let Some(Value::Array(files)) = self.entries.get_mut(target.names().0).map(|e| &mut e["files"]) {
-            files.extend(more.iter().map(|f| Value::from(*f)));
+        if let Some(entry) = self.entries.get_mut(target.names().0) {
+            entry.files.extend(more.iter().map(|&file| file.to_owned()));
         }
     }
 }

@@ -8,8 +8,8 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use gonio_io::atomic::StagedFolder;
-use gonio_io::{Error, notes};
-use serde_json::Value;
+use gonio_io::result::{ExportDocument, region_folders};
+use gonio_io::{Error, json};
 
 use crate::export::SUMMARY;
 use crate::results::{RESULT, names};
@@ -17,11 +17,8 @@ use crate::results::{RESULT, names};
 /// Folder of exports, within the folder of results.
 pub const EXPORT: &str = "export";
 
-/// Values of `format` in `result.json`.
-const RESULTS: [&str; 2] = ["gonio-result", "gonio-regions"];
-
 /// Suffix of the default folder of results.
-const BESIDE: &str = "-gonio";
+const DEFAULT_SUFFIX: &str = "-gonio";
 
 /// Prepares a folder for new results, which replace earlier results on commit.
 ///
@@ -50,13 +47,13 @@ fn replacing(dir: &Path, find: impl Fn(&Path, &Path, &mut Vec<PathBuf>)) -> Resu
 
 /// Whether a folder contains results of gonio.
 pub fn holds_results(dir: &Path) -> bool {
-    notes(&dir.join(RESULT), &RESULTS).is_some()
+    region_folders(&dir.join(RESULT)).is_some()
 }
 
 /// Returns the default folder of results: `ball-gonio` for `ball.exr`.
-pub fn beside(image: &Path) -> PathBuf {
+pub fn default_output(image: &Path) -> PathBuf {
     let mut name = image.file_stem().unwrap_or_default().to_owned();
-    name.push(BESIDE);
+    name.push(DEFAULT_SUFFIX);
     image.with_file_name(name)
 }
 
@@ -69,14 +66,14 @@ pub fn would_replace(dir: &Path, file: &Path) -> bool {
 /// Adds the files that gonio wrote in a folder of results to `ours`. `within` is the path of `dir`
 /// relative to the outer folder.
 fn results_in(dir: &Path, within: &Path, ours: &mut Vec<PathBuf>) {
-    let Some(notes) = notes(&dir.join(RESULT), &RESULTS) else { return };
+    let Some(regions) = region_folders(&dir.join(RESULT)) else { return };
     ours.extend(names().map(|name| within.join(name)));
     exports_in(&dir.join(EXPORT), &within.join(EXPORT), ours);
     // The folder of a region contains no regions.
     if within != Path::new("") {
         return;
     }
-    for region in texts(&notes["regions"], |region| &region["folder"]).filter(|name| is_plain(name)) {
+    for region in regions.into_iter().filter(|name| is_plain(name)) {
         results_in(&dir.join(&region), Path::new(&region), ours);
         ours.push(region.into());
     }
@@ -84,28 +81,16 @@ fn results_in(dir: &Path, within: &Path, ours: &mut Vec<PathBuf>) {
 
 /// Adds the files that gonio wrote in a folder of exports to `ours`.
 fn exports_in(dir: &Path, within: &Path, ours: &mut Vec<PathBuf>) {
-    let Some(notes) = notes(&dir.join(SUMMARY), &["gonio-export"]) else { return };
-    let targets = notes["exports"].as_object();
-    let files = targets.into_iter().flatten().flat_map(|(_, entry)| texts(&entry["files"], |file| file));
+    let Ok(summary) = json::read::<ExportDocument>(&dir.join(SUMMARY)) else { return };
+    if summary.format != ExportDocument::FORMAT {
+        return;
+    }
+    let files = summary.exports.values().flat_map(|entry| &entry.files);
     ours.extend(files.filter(|name| is_plain(name)).map(|name| within.join(name)));
     ours.push(within.join(SUMMARY));
     if within != Path::new("") {
         ours.push(within.to_owned());
     }
-}
-
-/// Reads a JSON file, if it has one of these formats.
-fn notes(path: &Path, formats: &[&str]) -> Option<Value> {
-    let notes = notes::read(path).ok()?;
-    formats.iter().any(|format| notes["format"] == **format).then_some(notes)
-}
-
-/// Returns the strings in a list.
-pub(crate) fn texts<'a>(
-    list: &'a Value,
-    of: impl Fn(&'a Value) -> &'a Value + 'a,
-) -> impl Iterator<Item = String> + 'a {
-    list.as_array().into_iter().flatten().filter_map(move |entry| of(entry).as_str().map(str::to_owned))
 }
 
 /// Whether this is a file name without a path.
@@ -201,7 +186,7 @@ mod tests {
 
     #[test]
     fn default_folder_is_beside_the_photograph() {
-        assert_eq!(beside(Path::new("a/ball.exr")), Path::new("a/ball-gonio"));
-        assert_eq!(beside(Path::new("ball.1.exr")), Path::new("ball.1-gonio"));
+        assert_eq!(default_output(Path::new("a/ball.exr")), Path::new("a/ball-gonio"));
+        assert_eq!(default_output(Path::new("ball.1.exr")), Path::new("ball.1-gonio"));
     }
 }

@@ -4,7 +4,7 @@
 //! A [`Scene`] specifies the photograph and the shape of its object. [`infer`] reads the scene,
 //! detects the object and estimates its BRDF according to the [`Settings`]. It returns an
 //! [`InferenceResult`]; [`InferenceResult::files`] are the contents of the folder of results. A
-//! [`ProgressLog`] reports progress. Errors are [`Problem`]s, which name the faulty input, and
+//! [`ProgressLog`] reports progress. Errors are [`AppError`]s, which name the faulty input, and
 //! [`Warning`]s; both carry [suggestions](gonio::suggestion::Suggestion), which each front end
 //! words in its own terms.
 
@@ -15,12 +15,12 @@ mod basis;
 mod check;
 pub mod combine;
 pub mod compare;
+pub mod document;
 pub mod draws;
 pub mod export;
 pub mod folder;
 mod mask;
 mod mirror;
-pub mod notes;
 pub mod photograph;
 pub mod plan;
 mod probe;
@@ -36,15 +36,15 @@ pub mod spaces;
 pub mod training;
 
 pub use answer::{InferenceResult, infer, read_light};
-pub use check::{Checked, Looked, Unchecked, check};
+pub use check::{CheckError, CheckResult, DetectedObject, check};
 pub use gonio::estimate::Alignment;
 pub use mirror::MirrorBall;
 pub use photograph::{Curve, Photograph, PhotographSource, Reading};
-pub use probe::{LightProbe, Mirror, light_probe};
-pub use problem::{Problem, Warning, Words};
+pub use probe::{LightProbe, ProbePhotographs, light_probe};
+pub use problem::{AppError, SuggestionFormatter, Warning};
 pub use progress_log::ProgressLog;
 pub use reference::{GREY_REFLECTANCE, MeasuredReference, Reference, ReferenceTarget, WHITE_REFLECTANCE};
 pub use scene::{ObservedScene, Scene};
-pub use settings::{AS_CAPTURED, Colours, KnownLight, LightSource, Method, Search, Settings};
-pub use shape::{Form, Normals, Places, Shape, Source};
+pub use settings::{AS_CAPTURED, BasisSettings, ColourMode, KnownLight, LightMapSource, Method, Settings};
+pub use shape::{NormalMap, PositionSource, Shape, ShapeKind, Source};
 pub use spaces::{Spaces, read_brdf};

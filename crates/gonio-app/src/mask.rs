@@ -4,17 +4,17 @@ use gonio::picture::Plane;
 use gonio::scene::Circle;
 
 /// Largest ratio of the sides of mask and photograph.
-const MOST: f64 = 8.0;
+const MAX_RATIO: f64 = 8.0;
 
 /// Whether two sizes have the same aspect ratio, to one pixel of the smaller size, and differ by a
-/// factor of at most [`MOST`].
+/// factor of at most [`MAX_RATIO`].
 pub(crate) fn alike(one: (usize, usize), other: (usize, usize)) -> bool {
     let sides = [one.0, one.1, other.0, other.1].map(|side| side as f64);
     let [across, down] = [sides[2] / sides[0], sides[3] / sides[1]];
     let longest = sides.into_iter().fold(0.0, f64::max);
     // A pixel of the smaller picture, in pixels of the larger.
     let pixel = across.max(1.0 / across);
-    sides.iter().all(|side| *side > 0.0) && pixel <= MOST && (across / down).ln().abs() * longest <= pixel
+    sides.iter().all(|side| *side > 0.0) && pixel <= MAX_RATIO && (across / down).ln().abs() * longest <= pixel
 }
 
 /// Scales a mask to another size: each pixel is the mean over its area.

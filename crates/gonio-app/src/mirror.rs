@@ -10,13 +10,13 @@ use gonio::suggestion::Suggestion;
 use crate::mask::disk_of;
 use crate::regions::Regions;
 use crate::scene::read_mask;
-use crate::{Form, PhotographSource, Problem, Scene, Warning};
+use crate::{AppError, PhotographSource, Scene, ShapeKind, Warning};
 
 /// Width around the outline of a mirror ball that is erased with it: a share of the radius, and
 /// pixels.
 const MARGIN: (f64, f64) = (0.03, 2.0);
 /// Largest coordinate of an outline, in pixels.
-const FARTHEST: f64 = 1e7;
+const MAX_COORDINATE: f64 = 1e7;
 
 /// A mirror ball in the photograph of an object.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -40,18 +40,18 @@ impl MirrorBall {
         mut scene: Scene,
         regions: Option<&Regions>,
         warnings: &mut Vec<Warning>,
-    ) -> Result<(Scene, EnvironmentMap), Problem> {
-        let photograph = scene.shots.read(&scene.reading, scene.clip, warnings)?;
+    ) -> Result<(Scene, EnvironmentMap), AppError> {
+        let photograph = scene.photograph.read(&scene.reading, scene.clip, warnings)?;
         let picture = &photograph.picture;
         let blame = |error: gonio::probe::ProbeError| {
-            Problem::of(&scene.name, format!("mirror ball: {error}")).with(Suggestion::MirrorBall)
+            AppError::of(&scene.name, format!("mirror ball: {error}")).with(Suggestion::MirrorBall)
         };
-        let reflectance = Reflectance::new(self.reflectance).map_err(|error| Problem::new(error.to_string()))?;
+        let reflectance = Reflectance::new(self.reflectance).map_err(|error| AppError::new(error.to_string()))?;
         let size = picture.rgb.size();
         let Circle { x, y, radius } = self.circle;
-        if [x, y, radius].iter().any(|v| v.is_nan() || v.abs() > FARTHEST) {
+        if [x, y, radius].iter().any(|v| v.is_nan() || v.abs() > MAX_COORDINATE) {
             let problem = format!("mirror ball: the outline {x},{y},{radius} is not in the photograph");
-            return Err(Problem::of(&scene.name, problem).with(Suggestion::MirrorBall));
+            return Err(AppError::of(&scene.name, problem).with(Suggestion::MirrorBall));
         }
         let object = match scene.shape.camera(size)? {
             None => Object::Sphere(Some(self.circle)),
@@ -62,25 +62,25 @@ impl MirrorBall {
         let found = probe(&view, None, &ProbeSettings { reflectance, rows: None }).map_err(blame)?;
         let oddities = view.scene_warnings().into_iter().chain(found.report.scene_warnings());
         warnings.extend(oddities.map(|odd| Warning::from(format!("{}: mirror ball: {odd}", scene.name))));
-        let is_ball = matches!((&scene.shape.form, &scene.shape.camera), (Form::Sphere(_), None));
+        let is_ball = matches!((&scene.shape.kind, &scene.shape.camera), (ShapeKind::Sphere(_), None));
         let is_masked = scene.mask.is_some() || matches!(regions, Some(Regions::Labels(_) | Regions::Circles(_)));
         if matches!(regions, Some(Regions::Balls)) {
             let problem = "several balls beside a mirror ball cannot be detected; specify their outlines";
-            return Err(Problem::of(&scene.name, problem));
+            return Err(AppError::of(&scene.name, problem));
         }
         if !is_ball && !is_masked {
             let problem = "a photograph with a mirror ball requires a mask of the object, unless the object is a ball";
-            return Err(Problem::of(&scene.name, problem).with(Suggestion::Mask));
+            return Err(AppError::of(&scene.name, problem).with(Suggestion::Mask));
         }
-        let is_detected = is_ball && matches!(scene.shape.form, Form::Sphere(None));
+        let is_detected = is_ball && matches!(scene.shape.kind, ShapeKind::Sphere(None));
         if is_detected && !matches!(regions, Some(Regions::Circles(_))) {
             // The mask is read again, with its warnings, when it is used.
             let mask = read_mask(scene.mask.clone(), picture.rgb.size(), &mut Vec::new())?;
-            let (circle, _) = outline_of_ball(&without(picture, &self.circle), mask.as_ref())
-                .map_err(|error| Problem::of_scene(&scene.name, &error).within("object beside the mirror ball"))?;
-            scene.shape.form = Form::Sphere(Some(circle));
+            let (circle, _) = outline_of_ball(&inpaint_ball(picture, &self.circle), mask.as_ref())
+                .map_err(|error| AppError::of_scene(&scene.name, &error).within("object beside the mirror ball"))?;
+            scene.shape.kind = ShapeKind::Sphere(Some(circle));
         }
-        scene.shots = PhotographSource::Read(photograph);
+        scene.photograph = PhotographSource::Read(Box::new(photograph));
         Ok((scene, found.light))
     }
 
@@ -88,12 +88,12 @@ impl MirrorBall {
     ///
     /// # Errors
     /// If the object covers the centre of the mirror ball.
-    pub(crate) fn check_apart(&self, detection: &Detection, name: &str) -> Result<(), Problem> {
+    pub(crate) fn check_apart(&self, detection: &Detection, name: &str) -> Result<(), AppError> {
         let (width, height) = detection.size();
         let place = |v: f64, side: usize| (v.max(0.0) as usize).min(side.saturating_sub(1));
         if detection.contains(place(self.circle.x, width), place(self.circle.y, height)) {
             let problem = "the mirror ball is a part of the object; specify the object by its outline or a mask";
-            return Err(Problem::of(name, problem).with(Suggestion::MirrorBall));
+            return Err(AppError::of(name, problem).with(Suggestion::MirrorBall));
         }
         Ok(())
     }
@@ -106,7 +106,7 @@ fn opaque(picture: &Picture) -> Picture {
 
 /// Returns the picture without a ball: each row is interpolated between both sides of the ball, so
 /// that no edge remains.
-fn without(picture: &Picture, circle: &Circle) -> Picture {
+fn inpaint_ball(picture: &Picture, circle: &Circle) -> Picture {
     let (width, height) = picture.rgb.size();
     let radius = circle.radius * (1.0 + MARGIN.0) + MARGIN.1;
     let mut erased = picture.clone();
@@ -164,7 +164,7 @@ mod tests {
     fn the_other_ball_is_detected() {
         for slope in [0.0001, 0.0] {
             let (picture, mirror, matte) = two_balls(|x| 0.02 + slope * x as f32);
-            let (found, _) = outline_of_ball(&without(&picture, &mirror), None).unwrap();
+            let (found, _) = outline_of_ball(&inpaint_ball(&picture, &mirror), None).unwrap();
             let off = (found.x - matte.x).hypot(found.y - matte.y) + (found.radius - matte.radius).abs();
             assert!(off < 1.0, "{slope} {found:?}");
         }
@@ -174,7 +174,7 @@ mod tests {
     fn pixels_beside_the_erased_ball_do_not_change() {
         let (picture, mirror, _) = two_balls(|x| 0.02 + 0.0001 * x as f32);
         let alpha = Some(picture.rgb.map(|_| 1.0));
-        let erased = without(&Picture { alpha, ..picture.clone() }, &mirror);
+        let erased = inpaint_ball(&Picture { alpha, ..picture.clone() }, &mirror);
         for y in 0..128 {
             for x in 0..250 {
                 let r = (x as f64 + 0.5 - mirror.x).hypot(y as f64 + 0.5 - mirror.y);
@@ -186,7 +186,7 @@ mod tests {
             }
         }
         // A ball that the border of the picture cuts.
-        let cut = without(&picture, &Circle { x: -5.0, y: 130.0, radius: 30.0 });
+        let cut = inpaint_ball(&picture, &Circle { x: -5.0, y: 130.0, radius: 30.0 });
         assert!(cut.rgb.as_slice().iter().all(|v| v.is_finite()));
     }
 }

@@ -9,9 +9,9 @@ use gonio_io::colour_space::ColourSpace;
 use gonio_io::picture::{
     self, BracketOptions, Decoded, Encoding, InputSpace, ReadOptions, divide_by_flat, subtract_black,
 };
-use serde_json::{Value, json};
+use gonio_io::result::Bracket;
 
-use crate::{Problem, Warning, spaces};
+use crate::{AppError, Warning, spaces};
 
 /// Relative error of an exposure time above which a warning reports it.
 const TIME_ERROR: f64 = 0.05;
@@ -56,9 +56,9 @@ pub enum Curve {
 #[derive(Clone, Debug)]
 pub enum PhotographSource {
     /// A picture in memory.
-    Here(Picture),
+    Memory(Picture),
     /// A photograph that is already read.
-    Read(Photograph),
+    Read(Box<Photograph>),
     /// Image file in memory: its name for messages, and its bytes.
     Bytes(String, Vec<u8>),
     /// Files of an image or of the exposures of a bracket; at least one.
@@ -73,7 +73,7 @@ pub struct Photograph {
     /// Radiance at which the camera clips.
     pub clip: Option<f32>,
     /// The section `bracket` of the result.
-    pub notes: Option<Value>,
+    pub bracket: Option<Bracket>,
     /// Colour space of the values in the files; `None` for a picture in memory in linear Rec. 709.
     pub space: Option<InputSpace>,
 }
@@ -88,7 +88,18 @@ pub struct MergedBracket {
     /// True if the response was recovered from the bracket itself.
     pub recovered: bool,
     /// Relative exposures; the longest is 1.
-    pub amounts: Vec<f64>,
+    pub relative_exposures: Vec<f64>,
+}
+
+impl MergedBracket {
+    /// Returns the section `bracket` of the result.
+    pub fn section(&self) -> Bracket {
+        Bracket {
+            exposures: self.relative_exposures.clone(),
+            recovered_response: self.recovered,
+            report: (&self.merged.report).into(),
+        }
+    }
 }
 
 impl PhotographSource {
@@ -101,24 +112,24 @@ impl PhotographSource {
         reading: &Reading,
         clip: Option<f32>,
         warnings: &mut Vec<Warning>,
-    ) -> Result<Photograph, Problem> {
+    ) -> Result<Photograph, AppError> {
         if let Some(clip) = clip.filter(|clip| clip.is_nan() || *clip <= 0.0) {
-            return Err(Problem::new(format!("clip {clip}: must be a positive radiance")));
+            return Err(AppError::new(format!("clip {clip}: must be a positive radiance")));
         }
         let paths = match self {
-            Self::Here(picture) => match reading.colour_space {
-                None => return Ok(Photograph { picture, clip, notes: None, space: None }),
+            Self::Memory(picture) => match reading.colour_space {
+                None => return Ok(Photograph { picture, clip, bracket: None, space: None }),
                 Some(space) => {
                     let decoded = Decoded::linear(picture, clip, space).into_working(Path::new("the picture"))?;
                     let Decoded { picture, full_scale: clip, input, .. } = decoded;
                     warnings.extend(spaces::warnings("the picture", &input, picture.rgb.as_slice().len()));
-                    return Ok(Photograph { picture, clip, notes: None, space: Some(input) });
+                    return Ok(Photograph { picture, clip, bracket: None, space: Some(input) });
                 }
             },
-            Self::Read(photograph) => return Ok(photograph),
+            Self::Read(photograph) => return Ok(*photograph),
             Self::Bytes(name, bytes) => {
                 if reading.response.is_some() {
-                    return Err(Problem::of(name, "a response curve applies only to exposures in files"));
+                    return Err(AppError::of(name, "a response curve applies only to exposures in files"));
                 }
                 return single(Path::new(&name), Some(&bytes), reading, clip, warnings);
             }
@@ -128,12 +139,10 @@ impl PhotographSource {
             return single(path, None, reading, clip, warnings);
         }
         let bracket = merge_files(&paths, reading, warnings)?;
-        let notes = json!({
-            "exposures": bracket.amounts, "recovered_response": bracket.recovered, "report": bracket.merged.report,
-        });
+        let section = Some(bracket.section());
         let Merged { picture, clip_level, .. } = bracket.merged;
         let (clip, space) = (clip.or(Some(clip_level)), Some(bracket.space));
-        Ok(Photograph { picture, clip, notes: Some(notes), space })
+        Ok(Photograph { picture, clip, bracket: section, space })
     }
 }
 
@@ -141,7 +150,7 @@ impl PhotographSource {
 ///
 /// # Errors
 /// If the image cannot be read.
-pub fn read_picture(path: &Path, options: &ReadOptions, warnings: &mut Vec<Warning>) -> Result<Decoded, Problem> {
+pub fn read_picture(path: &Path, options: &ReadOptions, warnings: &mut Vec<Warning>) -> Result<Decoded, AppError> {
     let decoded = picture::read(path, options)?;
     warnings.extend(scene_warnings(path, options, &decoded));
     Ok(decoded)
@@ -156,7 +165,7 @@ pub fn decode_picture(
     bytes: &[u8],
     options: &ReadOptions,
     warnings: &mut Vec<Warning>,
-) -> Result<Decoded, Problem> {
+) -> Result<Decoded, AppError> {
     let decoded = picture::decode(name, bytes, options)?;
     warnings.extend(scene_warnings(name, options, &decoded));
     Ok(decoded)
@@ -202,9 +211,9 @@ fn single(
     reading: &Reading,
     clip: Option<f32>,
     warnings: &mut Vec<Warning>,
-) -> Result<Photograph, Problem> {
+) -> Result<Photograph, AppError> {
     if reading.times.is_some() {
-        return Err(Problem::of(
+        return Err(AppError::of(
             path.display(),
             "exposure times apply only to several exposures; specify more files, or no times",
         ));
@@ -219,7 +228,7 @@ fn single(
     if let Some(code) = reading.black_level {
         let Encoding::Linear { bits } = decoded.encoding else {
             let problem = "a black level applies only to linear integer images; set the option for linear values, or no black level";
-            return Err(Problem::of(path.display(), problem));
+            return Err(AppError::of(path.display(), problem));
         };
         let max = 2_f64.powi(bits.into()) - 1.0;
         check_black(code, max)?;
@@ -230,7 +239,7 @@ fn single(
         if decoded.needs_table() {
             let problem = "a flat field requires linear values, but the ICC profile contains a lookup table; convert the \
                            image to a linear colour space";
-            return Err(Problem::of(path.display(), problem));
+            return Err(AppError::of(path.display(), problem));
         }
         let level_found = decoded.full_scale.or_else(|| repeated_maximum(&decoded.picture));
         decoded.full_scale = flatten(&mut decoded.picture, flat, reading, level_found)?;
@@ -238,7 +247,7 @@ fn single(
     let decoded = decoded.into_working(path)?;
     warnings.extend(scene_warnings(path, &options, &decoded));
     let Decoded { picture, full_scale, input, .. } = decoded;
-    Ok(Photograph { picture, clip: full_scale, notes: None, space: Some(input) })
+    Ok(Photograph { picture, clip: full_scale, bracket: None, space: Some(input) })
 }
 
 /// Returns the maximum value if at least [`CLIPPED_PIXELS`] pixels share it. Division by a flat
@@ -249,14 +258,14 @@ fn repeated_maximum(picture: &Picture) -> Option<f32> {
     (largest > 0.0 && values().filter(|v| *v == largest).count() >= CLIPPED_PIXELS).then_some(largest)
 }
 
-fn check_black(code: f64, max: f64) -> Result<(), Problem> {
+fn check_black(code: f64, max: f64) -> Result<(), AppError> {
     if !(0.0..max).contains(&code) {
-        return Err(Problem::new(format!("black level {code}: must be at least 0 and less than {max}")));
+        return Err(AppError::new(format!("black level {code}: must be at least 0 and less than {max}")));
     }
     Ok(())
 }
 
-fn flatten(picture: &mut Picture, path: &Path, reading: &Reading, clip: Option<f32>) -> Result<Option<f32>, Problem> {
+fn flatten(picture: &mut Picture, path: &Path, reading: &Reading, clip: Option<f32>) -> Result<Option<f32>, AppError> {
     let options = ReadOptions { linear: reading.linear, ..ReadOptions::default() };
     let flat = picture::read_unconverted(path, &options)?.picture.rgb;
     Ok(divide_by_flat(picture, &flat, path, clip)?)
@@ -270,14 +279,14 @@ pub fn merge_files(
     paths: &[PathBuf],
     reading: &Reading,
     warnings: &mut Vec<Warning>,
-) -> Result<MergedBracket, Problem> {
+) -> Result<MergedBracket, AppError> {
     let names = || match paths {
         [one] => one.display().to_string(),
         [first, rest @ ..] => format!("{} and {} more", first.display(), rest.len()),
         [] => String::new(),
     };
     if reading.layer.is_some() {
-        return Err(Problem::new("a layer applies only to OpenEXR files, not to exposures"));
+        return Err(AppError::new("a layer applies only to OpenEXR files, not to exposures"));
     }
     let curve = reading.response.clone().or(reading.linear.then_some(Curve::Linear));
     let from_file = match &curve {
@@ -296,7 +305,7 @@ pub fn merge_files(
     let linear = curve == Some(Curve::Linear) || (bracket.linear && curve.is_none());
     if reading.black_level.is_some() && !linear {
         let problem = "applies only to linear exposures; set the option for linear values, or no black level";
-        return Err(Problem::of(format!("black level {black}"), problem));
+        return Err(AppError::of(format!("black level {black}"), problem));
     }
     let given = match from_file {
         Some(response) => Some(response),
@@ -304,7 +313,7 @@ pub fn merge_files(
         None => curve.is_some().then(|| Response::srgb(max)),
     };
     let mut merged =
-        merge(exposures, given.as_ref(), &settings).map_err(|error| Problem::of_bracket(names(), &error))?;
+        merge(exposures, given.as_ref(), &settings).map_err(|error| AppError::of_bracket(names(), &error))?;
     merged.picture.alpha = bracket.alpha.clone();
     if let Some(path) = &reading.flat {
         let level = flatten(&mut merged.picture, path, reading, Some(merged.clip_level))?;
@@ -328,12 +337,15 @@ pub fn merge_files(
             let (percent, side) = (100.0 * error.abs(), if *error > 0.0 { "brighter" } else { "darker" });
             warnings.push(format!("{path}: {percent:.0} % {side} than its exposure time implies").into());
         }
-        if correction.veil.iter().any(|veil| *veil != 0.0) {
+        if correction.veiling_glare.iter().any(|veil| *veil != 0.0) {
             warnings.push(format!("{path}: contains veiling glare, which gonio subtracts").into());
         }
     }
     for (count, what) in [
-        (report.moved, "differ between exposures; gonio ignores them; possible causes are motion and JPEG artefacts"),
+        (
+            report.inconsistent,
+            "differ between exposures; gonio ignores them; possible causes are motion and JPEG artefacts",
+        ),
         (report.dark, "are black in all exposures; gonio sets them to half of the smallest measurable radiance"),
     ] {
         if count > 0 {
@@ -342,5 +354,5 @@ pub fn merge_files(
     }
     let longest = exposures.iter().map(|e| e.amount).fold(0.0, f64::max);
     let amounts = exposures.iter().map(|e| e.amount / longest).collect();
-    Ok(MergedBracket { merged, space: decoded.input, recovered: given.is_none(), amounts })
+    Ok(MergedBracket { merged, space: decoded.input, recovered: given.is_none(), relative_exposures: amounts })
 }

@@ -2,20 +2,21 @@
 
 use glam::Vec3;
 use gonio::picture::Plane;
-use gonio::probe::{ProbeError, ProbeOddity, ProbeSettings, Reflectance, SecondView, View, probe};
+use gonio::probe::{ProbeError, ProbeSettings, ProbeWarning, Reflectance, SecondView, View, probe};
 use gonio::scene::PixelStatus;
 use gonio::suggestion::Suggestion;
 use gonio_io::colour_space::ColourSpace;
 use gonio_io::picture::{InputSpace, encode_exr_in, encode_png};
+use gonio_io::result::{self, Bracket};
 use gonio_report::probe::draw;
 use serde_json::{Value, json};
 
-use crate::scene::Opened;
-use crate::{Problem, ProgressLog, Scene, Warning};
+use crate::scene::LoadedScene;
+use crate::{AppError, ProgressLog, Scene, Warning};
 
 /// A mirror ball in one photograph or two.
 #[derive(Clone, Debug)]
-pub struct Mirror {
+pub struct ProbePhotographs {
     /// The photograph; its shape is a sphere.
     pub first: Scene,
     /// Second photograph, and the angle from the first to the second camera around the ball, in
@@ -56,17 +57,17 @@ impl LightProbe {
 /// # Errors
 /// If a file cannot be read, no ball is detected, it has too few usable pixels, or settings are
 /// invalid. The error names the faulty input.
-pub fn light_probe(mirror: Mirror, progress_log: &ProgressLog<'_>) -> Result<LightProbe, Problem> {
+pub fn light_probe(mirror: ProbePhotographs, progress_log: &ProgressLog<'_>) -> Result<LightProbe, AppError> {
     let mut warnings = Vec::new();
-    let reflectance = Reflectance::new(mirror.reflectance).map_err(|error| Problem::new(error.to_string()))?;
+    let reflectance = Reflectance::new(mirror.reflectance).map_err(|error| AppError::new(error.to_string()))?;
     let settings = ProbeSettings { reflectance, rows: mirror.rows };
     let own = |suggestion| suggestion;
-    let first = ObservedScene::of(mirror.first, &own, &mut warnings, progress_log)?;
+    let first = ObservedBall::of(mirror.first, &own, &mut warnings, progress_log)?;
     let second = match mirror.second {
         None => None,
-        Some((scene, degrees)) => Some((ObservedScene::of(scene, &of_second, &mut warnings, progress_log)?, degrees)),
+        Some((scene, degrees)) => Some((ObservedBall::of(scene, &of_second, &mut warnings, progress_log)?, degrees)),
     };
-    progress_log.at("unwrapping", 0.0);
+    progress_log.report("unwrapping", 0.0);
     let all = || std::iter::once(&first).chain(second.as_ref().map(|(seen, _)| seen));
     let names = all().map(|seen| seen.name.clone()).collect::<Vec<_>>().join(" and ");
     for seen in all() {
@@ -77,24 +78,26 @@ pub fn light_probe(mirror: Mirror, progress_log: &ProgressLog<'_>) -> Result<Lig
         notes["second"] = second.notes();
     }
     let (name, first) = (first.name, first.view);
-    let second = second.map(|(seen, degrees)| SecondView { view: seen.view, turn: degrees.map(f64::to_radians) });
+    let second = second.map(|(seen, degrees)| SecondView { view: seen.view, azimuth: degrees.map(f64::to_radians) });
     let found = probe(&first, second.as_ref(), &settings).map_err(|error| {
         let about_settings = matches!(error, ProbeError::Rows { .. } | ProbeError::Angle);
         let problem = match &second {
-            _ if about_settings => Problem::new(error.to_string()),
-            Some(_) => Problem::of(&names, &error),
-            None => Problem::of(&name, &error),
+            _ if about_settings => AppError::new(error.to_string()),
+            Some(_) => AppError::of(&names, &error),
+            None => AppError::of(&name, &error),
         };
-        error.suggestions().into_iter().fold(problem, Problem::with)
+        error.suggestions().into_iter().fold(problem, AppError::with)
     })?;
     warnings.extend(found.report.scene_warnings().iter().map(|odd| warning(&names, odd)));
-    crate::notes::extend(&mut notes, json!(found.report));
+    if let (Some(notes), Value::Object(report)) = (notes.as_object_mut(), json!(found.report)) {
+        notes.extend(report);
+    }
     let views: Vec<&View> = std::iter::once(&first).chain(second.as_ref().map(|second| &second.view)).collect();
     let picture = draw(&views, &found);
-    Ok(LightProbe { light: found.light.radiance().clone(), seen: found.seen, picture, notes, warnings })
+    Ok(LightProbe { light: found.light.radiance().clone(), seen: found.coverage, picture, notes, warnings })
 }
 
-fn warning(name: &str, odd: &ProbeOddity) -> Warning {
+fn warning(name: &str, odd: &ProbeWarning) -> Warning {
     Warning::from(format!("{name}: {odd}"))
 }
 
@@ -108,14 +111,14 @@ fn of_second(suggestion: Suggestion) -> Suggestion {
 }
 
 /// A photograph with its detected ball.
-struct ObservedScene {
+struct ObservedBall {
     name: String,
     view: View,
-    bracket: Option<Value>,
+    bracket: Option<Bracket>,
     space: Option<InputSpace>,
 }
 
-impl ObservedScene {
+impl ObservedBall {
     /// Reads a photograph and detects its ball. `suggestion` maps suggestions for the first
     /// photograph to those for this one.
     fn of(
@@ -123,15 +126,16 @@ impl ObservedScene {
         suggestion: &dyn Fn(Suggestion) -> Suggestion,
         warnings: &mut Vec<Warning>,
         progress_log: &ProgressLog<'_>,
-    ) -> Result<Self, Problem> {
+    ) -> Result<Self, AppError> {
         let name = scene.name.clone();
-        let Opened { picture, clip, bracket, space, mask, object, names, .. } = scene.open(warnings, progress_log)?;
+        let LoadedScene { picture, clip, bracket, space, mask, object, names, .. } =
+            scene.open(warnings, progress_log)?;
         let view = View::of(&picture, mask.as_ref(), &object, clip).map_err(|error| {
             let problem = match &error {
-                ProbeError::Scene(scene) => Problem::of(names.origin(scene), &error),
-                _ => Problem::of(&name, &error),
+                ProbeError::Scene(scene) => AppError::of(names.origin(scene), &error),
+                _ => AppError::of(&name, &error),
             };
-            error.suggestions().into_iter().map(suggestion).fold(problem, Problem::with)
+            error.suggestions().into_iter().map(suggestion).fold(problem, AppError::with)
         })?;
         Ok(Self { name, view, bracket, space })
     }
@@ -148,7 +152,7 @@ impl ObservedScene {
             "rim": self.view.count(&[PixelStatus::Edge]),
         });
         match ball.circle() {
-            Some(circle) => notes["circle"] = json!(circle),
+            Some(circle) => notes["circle"] = json!(result::Circle::from(circle)),
             None => {
                 let (centre, radius) = ball.sphere();
                 notes["ball"] = json!({ "centre": centre.to_array(), "radius": radius });
@@ -160,7 +164,7 @@ impl ObservedScene {
             });
         }
         if let Some(bracket) = &self.bracket {
-            notes["bracket"] = bracket.clone();
+            notes["bracket"] = json!(bracket);
         }
         notes
     }

@@ -9,17 +9,17 @@ use gonio::suggestion::Suggestion;
 
 /// Function that words a suggestion as an imperative clause; `None` if the front end does not
 /// support it.
-pub type Words<'a> = &'a dyn Fn(&Suggestion) -> Option<String>;
+pub type SuggestionFormatter<'a> = &'a dyn Fn(&Suggestion) -> Option<String>;
 
 /// An error: the faulty input and the reason.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Problem {
+pub struct AppError {
     text: String,
     suggestions: Vec<Suggestion>,
     io: Option<ErrorKind>,
 }
 
-impl Problem {
+impl AppError {
     /// Creates an error with a text.
     pub fn new(text: impl Into<String>) -> Self {
         Self { text: text.into(), suggestions: Vec::new(), io: None }
@@ -69,21 +69,21 @@ impl Problem {
     }
 
     /// Returns the error in one line, with the suggestions of a front end.
-    pub fn worded(&self, words: Words<'_>) -> String {
+    pub fn worded(&self, words: SuggestionFormatter<'_>) -> String {
         worded(&self.text, &self.suggestions, words)
     }
 }
 
 /// Writes the error without its suggestions.
-impl Display for Problem {
+impl Display for AppError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(&self.text)
     }
 }
 
-impl std::error::Error for Problem {}
+impl std::error::Error for AppError {}
 
-impl From<gonio_io::Error> for Problem {
+impl From<gonio_io::Error> for AppError {
     fn from(error: gonio_io::Error) -> Self {
         Self {
             text: error.to_string(),
@@ -119,7 +119,7 @@ impl Warning {
     }
 
     /// Returns the warning in one line, with the suggestions of a front end.
-    pub fn worded(&self, words: Words<'_>) -> String {
+    pub fn worded(&self, words: SuggestionFormatter<'_>) -> String {
         worded(&self.text, &self.suggestions, words)
     }
 }
@@ -130,7 +130,7 @@ impl From<String> for Warning {
     }
 }
 
-fn worded(text: &str, suggestions: &[Suggestion], words: Words<'_>) -> String {
+fn worded(text: &str, suggestions: &[Suggestion], words: SuggestionFormatter<'_>) -> String {
     let offered: Vec<String> = suggestions.iter().filter_map(words).collect();
     if offered.is_empty() { text.to_owned() } else { format!("{text}; {}", offered.join(", or ")) }
 }
@@ -141,7 +141,7 @@ mod tests {
 
     #[test]
     fn front_end_words_the_suggestions() {
-        let problem = Problem::of_scene("ball.exr", &SceneError::NoOutline);
+        let problem = AppError::of_scene("ball.exr", &SceneError::NoOutline);
         assert!(problem.to_string().starts_with("ball.exr: no object found"));
         assert_eq!(problem.worded(&|_| None), problem.to_string());
         let words =

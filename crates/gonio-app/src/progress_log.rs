@@ -17,7 +17,7 @@ impl<'a> ProgressLog<'a> {
     }
 
     /// Reports the completed fraction of a stage. The first report of a stage ends the one before.
-    pub fn at(&self, stage: &'static str, fraction: f64) {
+    pub fn report(&self, stage: &'static str, fraction: f64) {
         let ended = self.begun.lock().ok().and_then(|mut begun| {
             let last = begun.last().map(|(last, _)| *last);
             if last == Some(stage) {
@@ -60,9 +60,9 @@ mod tests {
         let heard = Mutex::new(Vec::new());
         let listener = |stage: &'static str, x: f64| heard.lock().unwrap().push((stage, x));
         let progress_log = ProgressLog::new("reading", &listener);
-        progress_log.at("light", 0.0);
-        progress_log.at("light", 0.5);
-        progress_log.at("reading", 0.2);
+        progress_log.report("light", 0.0);
+        progress_log.report("light", 0.5);
+        progress_log.report("reading", 0.2);
         let seconds = progress_log.seconds();
         assert_eq!(seconds.iter().map(|s| s.0).collect::<Vec<_>>(), ["reading", "light"]);
         let total: f64 = seconds.iter().map(|s| s.1).sum();

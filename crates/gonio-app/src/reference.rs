@@ -9,10 +9,10 @@ use gonio::reference::{
 };
 use gonio::scene::{Circle, Detection};
 use gonio::suggestion::Suggestion;
-use serde_json::{Value, json};
+use gonio_io::result::{self, Patch, ReferenceKind};
 
 use crate::scene::read_mask;
-use crate::{Colours, Problem, Source, Warning};
+use crate::{AppError, ColourMode, Source, Warning};
 
 /// Default reflectance of a white patch; white patches of charts and white cards have 0.88 to 0.92.
 pub const WHITE_REFLECTANCE: f64 = 0.9;
@@ -61,8 +61,7 @@ pub struct MeasuredReference {
     pub light: ReferenceLight,
     /// Whether it determines the scale of reflectance.
     pub gives_scale: bool,
-    /// Measurements by name.
-    notes: Value,
+    kind: ReferenceKind,
 }
 
 impl Reference {
@@ -77,38 +76,32 @@ impl Reference {
         (name, picture, clip): (&str, &Picture, Option<f32>),
         detection: &Detection,
         warnings: &mut Vec<Warning>,
-    ) -> Result<MeasuredReference, Problem> {
+    ) -> Result<MeasuredReference, AppError> {
         let (rgb, size) = (&picture.rgb, picture.rgb.size());
         let blame = |error: ReferenceError| {
             error
                 .suggestions()
                 .into_iter()
-                .fold(Problem::of(name, &error), |problem, suggestion| problem.with(suggestion))
+                .fold(AppError::of(name, &error), |problem, suggestion| problem.with(suggestion))
         };
-        let patch = |kind: &str, region: Plane<bool>, usual: f64| {
+        let patch = |kind: fn(Patch) -> ReferenceKind, region: Plane<bool>, usual: f64| {
             check_apart(&region, |x, y| detection.contains(x, y))?;
             let read = PatchReading::of(rgb, &region, clip)?;
             let reflectance = self.reflectance.unwrap_or(usual);
-            let notes = json!({
-                "kind": kind,
-                "reflectance": reflectance,
-                "rgb": read.colour.to_array(),
-                "pixels": read.pixels,
-                "clipped": read.clipped,
-                "variation": read.variation,
-            });
+            let PatchReading { colour, pixels, clipped, variation } = read;
+            let kind = kind(Patch { reflectance, rgb: colour.to_array(), pixels, clipped, variation });
             let light = read.light(reflectance)?;
-            Ok(MeasuredReference { light, gives_scale: !self.colour_only, notes })
+            Ok(MeasuredReference { light, gives_scale: !self.colour_only, kind })
         };
         match &self.target {
             ReferenceTarget::White(Circle { x, y, radius }) => disk(size, (*x, *y), *radius)
-                .and_then(|region| patch("white patch", region, WHITE_REFLECTANCE))
+                .and_then(|region| patch(ReferenceKind::WhitePatch, region, WHITE_REFLECTANCE))
                 .map_err(blame),
             ReferenceTarget::GreyCard(mask) => {
                 let of_mask = mask.name("the mask of the grey card");
                 let mask = read_mask(Some(mask.clone()), size, warnings)?;
                 let region = mask.map_or_else(|| rgb.map(|_| false), |mask| mask.map(|covered| *covered > 0.5));
-                patch("grey card", region, GREY_REFLECTANCE).map_err(|error| blame(error).within(&of_mask))
+                patch(ReferenceKind::GreyCard, region, GREY_REFLECTANCE).map_err(|error| blame(error).within(&of_mask))
             }
             ReferenceTarget::Chart(corners) => {
                 let read = match corners {
@@ -144,18 +137,17 @@ impl Reference {
                 .into(),
             );
         }
-        let notes = json!({
-            "kind": "colour chart",
-            "corners": read.corners,
-            "detected": matches!(self.target, ReferenceTarget::Chart(None)),
-            "neutral_patches": read.neutral_patches,
-            "clipped_patches": read.clipped_patches,
-            "chroma_correlation": read.chroma_correlation,
-            "chroma_residual": read.chroma_residual,
-            "luminance_residual": read.luminance_residual,
-            "tilt_degrees": tilt,
-        });
-        MeasuredReference { light: read.light, gives_scale: !self.colour_only && !tilted, notes }
+        let kind = ReferenceKind::ColourChart {
+            corners: read.corners,
+            detected: matches!(self.target, ReferenceTarget::Chart(None)),
+            neutral_patches: read.neutral_patches,
+            clipped_patches: read.clipped_patches,
+            chroma_correlation: read.chroma_correlation,
+            chroma_residual: read.chroma_residual,
+            luminance_residual: read.luminance_residual,
+            tilt_degrees: tilt,
+        };
+        MeasuredReference { light: read.light, gives_scale: !self.colour_only && !tilted, kind }
     }
 }
 
@@ -163,18 +155,18 @@ impl Reference {
 ///
 /// # Errors
 /// If another option determines the colour of the light.
-pub(crate) fn check(name: &str, colours: Colours, light_is_known: bool) -> Result<(), Problem> {
+pub(crate) fn check(name: &str, colours: ColourMode, light_is_known: bool) -> Result<(), AppError> {
     let problem = match (light_is_known, colours) {
         (true, _) => "the light map and the reference both determine the colour of the light; specify only one of them",
-        (false, Colours::Under(_)) => {
+        (false, ColourMode::LightChroma(_)) => {
             "the colour of the light and a reference are both specified; specify only one of them"
         }
-        (false, Colours::Median | Colours::Grey) => {
+        (false, ColourMode::Median | ColourMode::Grey) => {
             "a reference requires estimated colours; remove the reference or the other colour option"
         }
-        (false, Colours::Estimate) => return Ok(()),
+        (false, ColourMode::Estimate) => return Ok(()),
     };
-    Err(Problem::of(name, problem))
+    Err(AppError::of(name, problem))
 }
 
 impl MeasuredReference {
@@ -190,26 +182,18 @@ impl MeasuredReference {
     }
 
     /// Returns the section `reference` of the result.
-    pub fn notes(&self, scale: Option<AbsoluteScale>) -> Value {
-        let mut notes = self.notes.clone();
-        notes["light"] = json!({ "white": self.light.white.to_array(), "log_chroma": self.light.chroma().0 });
-        notes["scale"] = scale.map_or(Value::Null, |scale| {
-            json!({
-                "factor": scale.factor,
-                "normal_albedo": ALBEDO * scale.factor,
-                "normal_albedo_interval_90": scale.interval(ALBEDO),
-                "log_sd": scale.log_sd,
-            })
-        });
-        notes["note"] = json!(
-            "light: radiance of a matte surface with a reflectance of one at the position of the reference, on the scale of \
-             the photograph; log_chroma: its ln R/G and ln B/G, which gonio uses as the colour of the light; scale: factor \
-             from a BRDF with an albedo of 0.5 at normal incidence to brdf.npz, which assumes that the reference faces \
-             the camera under the light of the object, with the albedo at normal incidence, its 90 % interval, and the \
-             standard deviation of the factor's logarithm; the quantiles of the BRDF do not include this uncertainty; \
-             null: the scale is not determined"
-        );
-        notes
+    pub fn section(&self, scale: Option<AbsoluteScale>) -> result::Reference {
+        result::Reference {
+            kind: self.kind.clone(),
+            white: self.light.white.to_array(),
+            log_chroma: self.light.chroma().0,
+            scale: scale.map(|scale| result::AbsoluteScale {
+                factor: scale.factor,
+                normal_albedo: ALBEDO * scale.factor,
+                normal_albedo_interval_90: scale.interval(ALBEDO),
+                log_sd: scale.log_sd,
+            }),
+        }
     }
 }
 

@@ -3,20 +3,21 @@
 use std::path::{Path, PathBuf};
 
 use glam::Vec3;
-use gonio::estimate::SHARES;
+use gonio::estimate::QUANTILE_LEVELS;
 use gonio::lighting::LightGrid;
 use gonio::picture::{Plane, srgb_decode};
 use gonio::reflectance::BivariateTable;
 use gonio_io::colour_space::ColourSpace;
 use gonio_io::picture::{encode_exr_in, encode_png};
 use gonio_io::posterior::SavedPosterior;
-use gonio_io::result_brdf::{self, Quantiles, ResultBrdf};
+use gonio_io::result::{self, ResultDocument, ResultFile};
+use gonio_io::result_brdf::{self, BrdfQuantiles, ResultBrdf};
 use gonio_report::panels::used::with_legend;
 use gonio_report::{summary, uncertainty};
 use rayon::prelude::*;
 
+use crate::InferenceResult;
 use crate::spaces::from_rec709;
-use crate::{InferenceResult, Problem};
 
 /// The BRDF with its quantiles ([`gonio_io::result_brdf`]).
 pub const BRDF: &str = "brdf.npz";
@@ -49,12 +50,21 @@ pub fn brdf_in(dir: &Path) -> Option<PathBuf> {
     [BRDF, EARLIER_BRDF].into_iter().map(|name| dir.join(name)).find(|file| file.is_file())
 }
 
+/// Reads `result.json` in a folder of results for one material; `None` if the file is missing or
+/// invalid.
+pub fn document_in(dir: &Path) -> Option<ResultDocument> {
+    match result::read(&dir.join(RESULT)).ok()? {
+        ResultFile::Material(document) => Some(*document),
+        ResultFile::Regions(_) => None,
+    }
+}
+
 /// Contents of a folder of results. Parts that a method does not estimate are `None`.
 pub struct Files {
     /// The BRDF in colour, 1/sr, in linear Rec. 709.
     pub tables: [BivariateTable; 3],
     /// Quantiles of the BRDF, in linear Rec. 709.
-    pub quantiles: Option<Quantiles>,
+    pub quantiles: Option<BrdfQuantiles>,
     /// `posterior.json`, to combine with other photographs.
     pub posterior: Option<Vec<u8>>,
     /// The light, lat-long, in linear Rec. 709.
@@ -62,7 +72,7 @@ pub struct Files {
     /// Pictures by their names in [`PICTURES`], as PNG.
     pub pictures: Vec<(&'static str, Vec<u8>)>,
     /// `result.json`.
-    pub notes: String,
+    pub document: String,
     /// `report.html`.
     pub page: Option<String>,
     /// Colour space of the BRDF and the light in the folder.
@@ -71,20 +81,20 @@ pub struct Files {
 
 /// Returns the levels of the quantiles of a material.
 pub fn levels() -> Vec<f32> {
-    SHARES.map(|share| share as f32).to_vec()
+    QUANTILE_LEVELS.map(|share| share as f32).to_vec()
 }
 
 impl Files {
     /// Returns names and contents of the files.
     pub fn encode(self) -> Vec<(String, Vec<u8>)> {
-        let Self { tables, quantiles, posterior, light, pictures, notes, page, space } = self;
+        let Self { tables, quantiles, posterior, light, pictures, document, page, space } = self;
         let (tables, _) = from_rec709(&tables, space);
         let mut files = vec![(BRDF.to_owned(), result_brdf::encode(&ResultBrdf { tables, quantiles }))];
         files.extend(posterior.map(|posterior| (gonio_io::posterior::FILE.to_owned(), posterior)));
         files.extend(light.map(|light| (LIGHT.to_owned(), encode_exr_in(&light, None, space))));
         files.extend(pictures.into_iter().map(|(name, png)| (format!("{name}.png"), png)));
         files.extend(page.map(|page| (REPORT.to_owned(), page.into_bytes())));
-        files.push((RESULT.to_owned(), notes.into_bytes()));
+        files.push((RESULT.to_owned(), document.into_bytes()));
         files
     }
 }
@@ -102,12 +112,12 @@ impl InferenceResult {
         let mut pictures = Vec::new();
         if let Some(panels) = &self.panels {
             pictures.extend(panels.spheres.first().map(|(_, sphere)| (PICTURES[0], sphere.clone())));
-            if let (Some(used), Some(statuses)) = (&panels.used, &self.seen.detection.observations.statuses) {
+            if let (Some(used), Some(statuses)) = (&panels.used, &self.scene.detection.observations.statuses) {
                 pictures.push((PICTURES[1], with_legend(used, statuses)));
             }
             pictures.push((PICTURES[2], summary::compose(&subject, panels, &self.caption)));
             pictures.extend(self.material.as_ref().map(|material| (PICTURES[3], uncertainty::draw(material))));
-            let detection = &self.seen.detection;
+            let detection = &self.scene.detection;
             let estimated = detection.normals.as_ref().filter(|_| detection.estimated_normals);
             pictures.extend(estimated.map(|normals| (PICTURES[5], normals.map(coded_normal))));
         }
@@ -121,31 +131,26 @@ impl InferenceResult {
     }
 
     /// Returns the contents of the folder of results.
-    ///
-    /// # Errors
-    /// If the numbers cannot be written as JSON.
-    pub fn files(&self) -> Result<Files, Problem> {
-        let notes = serde_json::to_string_pretty(&self.notes)
-            .map_err(|error| Problem::of("cannot encode the result as JSON", error))?;
+    pub fn files(&self) -> Files {
         let scaled = |quantiles: Vec<Vec<f32>>| {
             let scale = |values: Vec<f32>| values.into_iter().map(|v| v * self.scale as f32).collect();
             quantiles.into_iter().map(scale).collect()
         };
-        let quantiles = self.material.as_ref().map(|material| Quantiles {
+        let quantiles = self.material.as_ref().map(|material| BrdfQuantiles {
             levels: levels(),
             luminance: scaled(material.quantiles.clone()),
             channels: Some(self.colouring.quantiles(material).map(scaled)),
         });
         let estimated = self.light.as_ref().map(|light| self.lat_long(light));
-        Ok(Files {
+        Files {
             tables: self.colouring.field().tables(&self.table.scaled(self.scale)),
             quantiles,
             posterior: self.saved.as_ref().map(SavedPosterior::encode),
             light: estimated.or_else(|| self.known_light.as_ref().map(|known| known.radiance().clone())),
             pictures: self.pictures().par_iter().map(|(name, picture)| (*name, encode_png(picture))).collect(),
-            notes,
+            document: result::encode(&self.document),
             page: self.page.clone(),
             space: self.space,
-        })
+        }
     }
 }

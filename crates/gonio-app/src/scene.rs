@@ -2,15 +2,14 @@
 
 use gonio::picture::{Picture, Plane};
 use gonio::scene::{Detection, Object, ObservationSettings, SceneError, SceneWarning};
-use gonio::shape::Visibility;
 use gonio::sphere::OctahedralMap;
 use gonio_io::picture::InputSpace;
-use serde_json::{Value, json};
+use gonio_io::result::{Bracket, Observations};
 
+use crate::document::{self, ShapeOrigin};
 use crate::mask::{alike, resampled};
 use crate::{
-    MeasuredReference, Photograph, PhotographSource, Problem, ProgressLog, Reading, Reference, Shape, Source, Warning,
-    notes,
+    AppError, MeasuredReference, Photograph, PhotographSource, ProgressLog, Reading, Reference, Shape, Source, Warning,
 };
 
 /// A photograph and the known properties of its object.
@@ -19,7 +18,7 @@ pub struct Scene {
     /// Name of the photograph in messages.
     pub name: String,
     /// Source of the photograph.
-    pub shots: PhotographSource,
+    pub photograph: PhotographSource,
     /// Options for reading its files.
     pub reading: Reading,
     /// Radiance at which the camera clips; detected if `None`.
@@ -42,31 +41,38 @@ pub struct ObservedScene {
     pub picture: Picture,
     /// The object and the observations on it.
     pub detection: Detection,
-    /// The section `observations` of the result.
-    pub notes: Value,
     /// The section `bracket` of the result.
-    pub bracket: Option<Value>,
+    pub bracket: Option<Bracket>,
     /// Colour space of the photograph, unless it was in memory.
     pub space: Option<InputSpace>,
     /// The reference in the photograph.
     pub reference: Option<MeasuredReference>,
     /// Whether to estimate although shape or light contradict the photograph.
     pub force: bool,
+    origin: ShapeOrigin,
+    /// Whether self-shadowing was computed.
+    shadowed: bool,
+}
+
+impl ObservedScene {
+    /// Returns the section `observations` of the result.
+    pub fn observations(&self) -> Observations {
+        document::observations(&self.detection, &self.origin, self.shadowed)
+    }
 }
 
 /// Contents of the files of a scene.
-pub(crate) struct Opened {
+pub(crate) struct LoadedScene {
     pub(crate) picture: Picture,
     pub(crate) clip: Option<f32>,
     /// The section `bracket` of the result.
-    pub(crate) bracket: Option<Value>,
+    pub(crate) bracket: Option<Bracket>,
     /// Colour space of the photograph.
     pub(crate) space: Option<InputSpace>,
     pub(crate) mask: Option<Plane<f32>>,
     pub(crate) object: Object,
-    /// Notes on the shape.
-    own_notes: Value,
-    pub(crate) names: Names,
+    origin: ShapeOrigin,
+    pub(crate) names: InputNames,
 }
 
 impl Scene {
@@ -74,16 +80,19 @@ impl Scene {
     ///
     /// # Errors
     /// If a file cannot be read, or mask and photograph do not match.
-    pub(crate) fn open(self, warnings: &mut Vec<Warning>, progress_log: &ProgressLog<'_>) -> Result<Opened, Problem> {
-        progress_log.at("reading", 0.0);
-        let Photograph { picture, clip, notes: bracket, space } =
-            self.shots.read(&self.reading, self.clip, warnings)?;
+    pub(crate) fn open(
+        self,
+        warnings: &mut Vec<Warning>,
+        progress_log: &ProgressLog<'_>,
+    ) -> Result<LoadedScene, AppError> {
+        progress_log.report("reading", 0.0);
+        let Photograph { picture, clip, bracket, space } = self.photograph.read(&self.reading, self.clip, warnings)?;
         let size = picture.rgb.size();
-        let names = Names::of(&self.name, self.mask.as_ref(), &self.shape);
+        let names = InputNames::of(&self.name, self.mask.as_ref(), &self.shape);
         let mask = read_mask(self.mask, size, warnings)?;
-        progress_log.at("reading", 0.5);
-        let (object, own_notes) = self.shape.object(&self.name, size, warnings)?;
-        Ok(Opened { picture, clip, bracket, space, mask, object, own_notes, names })
+        progress_log.report("reading", 0.5);
+        let (object, origin) = self.shape.object(&self.name, size, warnings)?;
+        Ok(LoadedScene { picture, clip, bracket, space, mask, object, origin, names })
     }
 
     /// Reads the files, detects the object and samples the image on it. `shadows` is the map and
@@ -93,34 +102,27 @@ impl Scene {
     /// # Errors
     /// If a file cannot be read, the object is not detected, or it has too few usable pixels. The
     /// error names the faulty input.
-    pub fn look(
+    pub fn observe(
         self,
         known: &ObservationSettings,
         shadows: Option<(OctahedralMap, usize)>,
         warnings: &mut Vec<Warning>,
         progress_log: &ProgressLog<'_>,
-    ) -> Result<ObservedScene, Problem> {
+    ) -> Result<ObservedScene, AppError> {
         let (keep_colours, force, reference) = (self.keep_colours, self.force, self.reference.clone());
-        let Opened { picture, clip, bracket, space, mask, object, own_notes, names } =
+        let LoadedScene { picture, clip, bracket, space, mask, object, origin, names } =
             self.open(warnings, progress_log)?;
         let settings = ObservationSettings { clip, keep_colours, force, ..*known };
         let mut detection = Detection::of(&picture, mask, object, &settings).map_err(|error| names.blame(&error))?;
         warnings.extend(detection.scene_warnings.iter().map(|odd| names.warn(odd)));
         if let Some(grid) = shadows.filter(|_| detection.placed.is_some()) {
-            progress_log.at("shadows", 0.0);
-            detection.shadow(grid, &|x| progress_log.at("shadows", x)).map_err(|error| names.blame(&error))?;
+            progress_log.report("shadows", 0.0);
+            detection.shadow(grid, &|x| progress_log.report("shadows", x)).map_err(|error| names.blame(&error))?;
         }
         let given = (names.image.as_str(), &picture, clip);
         let reference = reference.map(|reference| reference.measure(given, &detection, warnings)).transpose()?;
-        let mut notes = notes::detection(&detection);
-        if detection.placed.is_some() && shadows.is_some() {
-            let visibility = detection.observations.visibility.as_ref();
-            notes["visibility"] = json!({ "hidden": visibility.is_some(), "bytes": visibility.map(Visibility::bytes) });
-        }
-        if let Some(shape) = notes.get_mut("shape") {
-            notes::extend(shape, own_notes);
-        }
-        Ok(ObservedScene { picture, detection, notes, bracket, space, reference, force })
+        let shadowed = shadows.is_some();
+        Ok(ObservedScene { picture, detection, bracket, space, reference, force, origin, shadowed })
     }
 }
 
@@ -133,12 +135,12 @@ pub(crate) fn read_mask(
     mask: Option<Source<Plane<f32>>>,
     size: (usize, usize),
     warnings: &mut Vec<Warning>,
-) -> Result<Option<Plane<f32>>, Problem> {
+) -> Result<Option<Plane<f32>>, AppError> {
     let Some(source) = mask else { return Ok(None) };
     let name = source.name(UNNAMED_MASK);
     let mask = match source {
         Source::File(path) => gonio_io::picture::read_mask(&path)?,
-        Source::Here(mask) => mask,
+        Source::Memory(mask) => mask,
     };
     if mask.size() == size {
         return Ok(Some(mask));
@@ -149,7 +151,7 @@ pub(crate) fn read_mask(
         if name == UNNAMED_MASK { text } else { format!("{name}: {text}") }
     };
     if !alike(mask.size(), size) {
-        return Err(Problem::new(said("use a mask of the same aspect ratio, at most eight times smaller or larger")));
+        return Err(AppError::new(said("use a mask of the same aspect ratio, at most eight times smaller or larger")));
     }
     warnings.push(said("gonio scales the mask").into());
     Ok(Some(resampled(&mask, size)))
@@ -159,7 +161,7 @@ pub(crate) fn read_mask(
 const UNNAMED_MASK: &str = "the mask";
 
 /// Names of the inputs of a scene in messages.
-pub(crate) struct Names {
+pub(crate) struct InputNames {
     image: String,
     mask: Option<String>,
     shape: Option<String>,
@@ -169,10 +171,10 @@ pub(crate) struct Names {
     whole: String,
 }
 
-impl Names {
+impl InputNames {
     fn of(image: &str, mask: Option<&Source<Plane<f32>>>, shape: &Shape) -> Self {
         let (mask, places) = (mask.map(|mask| mask.name(UNNAMED_MASK)), shape.places());
-        let by_normals = matches!(shape.form, crate::Form::Normals(_));
+        let by_normals = matches!(shape.kind, crate::ShapeKind::Normals(_));
         let shape = shape.name();
         let whole = match (&shape, &mask) {
             (Some(shape), Some(mask)) if by_normals => format!("{image} with {shape} and {mask}"),
@@ -183,8 +185,8 @@ impl Names {
     }
 
     /// Returns the error, with the faulty input.
-    fn blame(&self, error: &SceneError) -> Problem {
-        Problem::of_scene(self.origin(error), error)
+    fn blame(&self, error: &SceneError) -> AppError {
+        AppError::of_scene(self.origin(error), error)
     }
 
     /// Returns the name of the faulty input.

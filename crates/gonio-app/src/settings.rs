@@ -8,7 +8,7 @@ use gonio::model::Model;
 use gonio::sphere::OctahedralMap;
 use gonio::suggestion::Suggestion;
 
-use crate::{MirrorBall, Problem, Source, Spaces, Words};
+use crate::{AppError, MirrorBall, Source, Spaces, SuggestionFormatter};
 
 /// Settings of an inference: method, grid, colours and outputs.
 pub struct Settings<'a> {
@@ -19,7 +19,7 @@ pub struct Settings<'a> {
     /// Model self-shadowing.
     pub shadows: bool,
     /// Rule for the colours.
-    pub colours: Colours,
+    pub colours: ColourMode,
     /// Colour spaces of light maps and outputs.
     pub spaces: Spaces,
     /// Draw the pictures.
@@ -27,7 +27,7 @@ pub struct Settings<'a> {
     /// Write the report, which requires the pictures.
     pub report: bool,
     /// Wording of suggestions in the front end.
-    pub words: Words<'a>,
+    pub words: SuggestionFormatter<'a>,
 }
 
 /// Estimation methods.
@@ -38,18 +38,18 @@ pub enum Method {
     /// Posterior of materials under a known light.
     KnownLight(KnownLight),
     /// Separable posterior of light and reflectance: Algorithm 1 of the paper.
-    Variational(Search),
+    Variational(BasisSettings),
     /// Joint MAP estimate of light and reflectance.
-    JointMap(Search),
+    JointMap(BasisSettings),
     /// Basis coefficients under a known light, as in the paper.
-    KnownLightBasis(Search, Source<EnvironmentMap>),
+    KnownLightBasis(BasisSettings, Source<EnvironmentMap>),
 }
 
 /// A known light.
 #[derive(Clone, Debug)]
 pub struct KnownLight {
     /// Its lat-long map in camera space.
-    pub map: LightSource,
+    pub map: LightMapSource,
     /// Rotations of the map to search.
     pub alignment: Alignment,
     /// Map and photograph have the same scale, so that the reflectance is absolute.
@@ -58,14 +58,14 @@ pub struct KnownLight {
 
 /// Source of the map of a known light.
 #[derive(Clone, Debug)]
-pub enum LightSource {
+pub enum LightMapSource {
     /// A map.
     Map(Source<EnvironmentMap>),
     /// A mirror ball in the photograph.
     MirrorBall(MirrorBall),
 }
 
-impl LightSource {
+impl LightMapSource {
     /// Returns the name in messages.
     pub(crate) fn name(&self) -> String {
         match self {
@@ -77,7 +77,7 @@ impl LightSource {
 
 /// Settings of the search for reflectance coefficients.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Search {
+pub struct BasisSettings {
     /// Solver of the separable posterior.
     pub solver: Solver,
     /// Random starts, at least one.
@@ -103,7 +103,7 @@ impl Method {
     }
 
     /// Returns the settings of the search, for the methods of the paper.
-    pub(crate) fn search(&self) -> Option<&Search> {
+    pub(crate) fn search(&self) -> Option<&BasisSettings> {
         match self {
             Self::Learnt | Self::KnownLight(_) => None,
             Self::Variational(search) | Self::JointMap(search) | Self::KnownLightBasis(search, _) => Some(search),
@@ -113,7 +113,7 @@ impl Method {
     /// Returns the map of the known light, unless the photograph shows it.
     pub(crate) fn light(&self) -> Option<&Source<EnvironmentMap>> {
         match self {
-            Self::KnownLight(KnownLight { map: LightSource::Map(map), .. }) | Self::KnownLightBasis(_, map) => {
+            Self::KnownLight(KnownLight { map: LightMapSource::Map(map), .. }) | Self::KnownLightBasis(_, map) => {
                 Some(map)
             }
             _ => None,
@@ -131,7 +131,7 @@ impl Method {
     /// Returns the mirror ball that shows the light.
     pub(crate) fn mirror_ball(&self) -> Option<&MirrorBall> {
         match self {
-            Self::KnownLight(KnownLight { map: LightSource::MirrorBall(ball), .. }) => Some(ball),
+            Self::KnownLight(KnownLight { map: LightMapSource::MirrorBall(ball), .. }) => Some(ball),
             _ => None,
         }
     }
@@ -144,12 +144,12 @@ impl Method {
 
 /// Rule for the colours of a BRDF.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub enum Colours {
+pub enum ColourMode {
     /// Estimated chroma for every pair of angles; a light of unknown colour counts as neutral.
     #[default]
     Estimate,
     /// Estimated chroma under a light of known colour: that of a white matte ball.
-    Under(Chroma),
+    LightChroma(Chroma),
     /// The median colour of the photograph, as in the paper.
     Median,
     /// Three equal channels.
@@ -159,12 +159,12 @@ pub enum Colours {
 /// Assumption on the colour of an unknown light.
 pub const AS_CAPTURED: &str = "the light is neutral; the intervals include the colours of captured lights";
 
-impl Colours {
+impl ColourMode {
     /// Creates the rule for a light of this linear colour; `None` unless all numbers are positive
     /// and finite.
     pub fn under(light: [f64; 3]) -> Option<Self> {
         let sound = light.iter().all(|x| x.is_finite() && *x > 0.0);
-        sound.then(|| Self::Under(Chroma::of(light.into())))
+        sound.then(|| Self::LightChroma(Chroma::of(light.into())))
     }
 
     /// Returns the rule, and the assumption on the colour of the light in words.
@@ -172,7 +172,7 @@ impl Colours {
         let (light, assumption) = match (self, known) {
             (Self::Grey, _) => return (ColouringRule::Grey, ""),
             (Self::Median, _) => return (ColouringRule::Median, ""),
-            (Self::Under(light), _) => (Some(light), "the light has the specified colour"),
+            (Self::LightChroma(light), _) => (Some(light), "the light has the specified colour"),
             (Self::Estimate, Some(map)) => {
                 // Four pixels per texel are enough for a mean.
                 let grid = map.reduced(128).to_grid(OctahedralMap::EqualArea, 32);
@@ -190,17 +190,17 @@ impl Settings<'_> {
     /// # Errors
     /// If the model has no posterior of materials and the method requires one, or if the model's
     /// light prior does not cover the grid.
-    pub(crate) fn check(&self, model: &Model, name: &str) -> Result<(), Problem> {
+    pub(crate) fn check(&self, model: &Model, name: &str) -> Result<(), AppError> {
         let covered = model.light.finest_side();
         if !self.side.is_power_of_two() || !(4..=covered).contains(&self.side) {
             let of_model = "the range of the model's prior of light";
-            return Err(Problem::new(format!(
+            return Err(AppError::new(format!(
                 "grid {}: must be a power of two from 4 to {covered}, {of_model}",
                 self.side
             )));
         }
         if self.method.is_learnt() && model.learnt.is_none() {
-            return Err(Problem::of(name, "has no posterior of materials").with(Suggestion::LearnPosterior));
+            return Err(AppError::of(name, "has no posterior of materials").with(Suggestion::LearnPosterior));
         }
         Ok(())
     }

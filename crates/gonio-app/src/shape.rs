@@ -5,19 +5,21 @@ use std::path::{Path, PathBuf};
 use glam::{DVec3, Vec3};
 use gonio::picture::Plane;
 use gonio::scene::{Circle, Correction, NormalPicture, Object, PositionMap};
-use gonio::shape::{Camera, DepthKind, Mesh, MeshParts, PoseError, PosedSurface, Projection, positions_of_depth};
+use gonio::shape::{
+    Camera, DepthKind, Mesh, MeshDefects, MeshParts, PoseError, PosedSurface, Projection, positions_of_depth,
+};
 use gonio::suggestion::Suggestion;
 use gonio_io::camera::{decode_camera, decode_pose, read_camera, read_pose};
 use gonio_io::geometry::{DepthOptions, read_depth, read_positions};
-use serde_json::{Value, json};
 
-use crate::{Problem, Warning, notes};
+use crate::document::ShapeOrigin;
+use crate::{AppError, Warning};
 
 /// A value, or the file that contains it.
 #[derive(Clone, Debug)]
 pub enum Source<T> {
     /// In memory.
-    Here(T),
+    Memory(T),
     /// In a file.
     File(PathBuf),
 }
@@ -26,7 +28,7 @@ impl<T> Source<T> {
     /// Returns the name in messages: the file, or `unnamed`.
     pub fn name(&self, unnamed: &str) -> String {
         match self {
-            Self::Here(_) => unnamed.to_owned(),
+            Self::Memory(_) => unnamed.to_owned(),
             Self::File(path) => path.display().to_string(),
         }
     }
@@ -36,7 +38,7 @@ impl<T> Source<T> {
 #[derive(Clone, Debug)]
 pub struct Shape {
     /// Its form.
-    pub form: Form,
+    pub kind: ShapeKind,
     /// The camera: JSON (docs/camera.md). Without one it is orthographic.
     pub camera: Option<Source<Vec<u8>>>,
     /// Pose of a mesh in the world: JSON (docs/camera.md).
@@ -45,7 +47,7 @@ pub struct Shape {
 
 /// Form of an object.
 #[derive(Clone, Debug)]
-pub enum Form {
+pub enum ShapeKind {
     /// Ball with this outline; detected if `None`.
     Sphere(Option<Circle>),
     /// Ellipsoid with this semi-axis towards the camera in pixels, if known.
@@ -55,12 +57,12 @@ pub enum Form {
     /// Triangle mesh; a file can be the name of a built-in mesh.
     Mesh(Source<MeshParts>),
     /// Any shape, given by a normal map.
-    Normals(Box<Normals>),
+    Normals(Box<NormalMap>),
 }
 
 /// A normal map and its conventions.
 #[derive(Clone, Debug)]
-pub struct Normals {
+pub struct NormalMap {
     /// The normal map.
     pub picture: Source<Plane<Vec3>>,
     /// Correction of the order and signs of its channels.
@@ -70,12 +72,12 @@ pub struct Normals {
     /// Expected error in radians; zero for measured normals.
     pub error: f64,
     /// Positions of the surface, for self-shadowing.
-    pub places: Option<Places>,
+    pub positions: Option<PositionSource>,
 }
 
 /// A depth or position map of a surface.
 #[derive(Clone, Debug)]
-pub enum Places {
+pub enum PositionSource {
     /// Depths, `None` without surface; the depths of the smallest and the largest code of a file;
     /// and the direction of the depths.
     Depth(Source<Plane<Option<f64>>>, Option<(f64, f64)>, DepthKind),
@@ -85,37 +87,37 @@ pub enum Places {
 
 impl Shape {
     /// Creates a shape with the default camera.
-    pub fn of(form: Form) -> Self {
-        Self { form, camera: None, pose: None }
+    pub fn of(form: ShapeKind) -> Self {
+        Self { kind: form, camera: None, pose: None }
     }
 
     /// Returns the name in messages; `None` for shapes without an input.
     pub fn name(&self) -> Option<String> {
-        match &self.form {
-            Form::Mesh(mesh) => Some(mesh.name("the mesh")),
-            Form::Normals(normals) => Some(normals.picture.name("the normals")),
-            Form::Sphere(_) | Form::Ellipsoid(_) | Form::Outline => None,
+        match &self.kind {
+            ShapeKind::Mesh(mesh) => Some(mesh.name("the mesh")),
+            ShapeKind::Normals(normals) => Some(normals.picture.name("the normals")),
+            ShapeKind::Sphere(_) | ShapeKind::Ellipsoid(_) | ShapeKind::Outline => None,
         }
     }
 
     /// Returns the name of the depth or position map in messages.
     pub(crate) fn places(&self) -> Option<String> {
-        match &self.form {
-            Form::Normals(normals) => normals.places.as_ref().map(Places::name),
+        match &self.kind {
+            ShapeKind::Normals(normals) => normals.positions.as_ref().map(PositionSource::name),
             _ => None,
         }
     }
 
     /// Reads the camera for images of `size`; `None` without one.
-    pub(crate) fn camera(&self, size: (usize, usize)) -> Result<Option<Camera>, Problem> {
+    pub(crate) fn camera(&self, size: (usize, usize)) -> Result<Option<Camera>, AppError> {
         Ok(match &self.camera {
             None => None,
             Some(Source::File(path)) => Some(read_camera(path, size)?),
-            Some(Source::Here(json)) => Some(decode_camera(Path::new("the camera"), json, size)?),
+            Some(Source::Memory(json)) => Some(decode_camera(Path::new("the camera"), json, size)?),
         })
     }
 
-    /// Returns the object to detect in an image of `size`, and the notes on its shape. `image` is
+    /// Returns the object to detect in an image of `size`, and the origin of its shape. `image` is
     /// the name of the image in messages.
     ///
     /// # Errors
@@ -125,35 +127,35 @@ impl Shape {
         image: &str,
         size: (usize, usize),
         warnings: &mut Vec<Warning>,
-    ) -> Result<(Object, Value), Problem> {
+    ) -> Result<(Object, ShapeOrigin), AppError> {
         let camera = self.camera(size)?;
-        let object = match (self.form, camera) {
-            (Form::Sphere(circle), None) => Object::Sphere(circle),
-            (Form::Sphere(None), Some(camera)) => Object::Ball(camera),
-            (Form::Sphere(Some(_)), Some(_)) => {
-                return Err(Problem::new(
+        let object = match (self.kind, camera) {
+            (ShapeKind::Sphere(circle), None) => Object::Sphere(circle),
+            (ShapeKind::Sphere(None), Some(camera)) => Object::Ball(camera),
+            (ShapeKind::Sphere(Some(_)), Some(_)) => {
+                return Err(AppError::new(
                     "circle and camera cannot be combined; remove the circle, because gonio detects the ball in perspective",
                 ));
             }
-            (Form::Ellipsoid(depth), None) => Object::Ellipsoid(depth),
-            (Form::Ellipsoid(_), Some(_)) => {
+            (ShapeKind::Ellipsoid(depth), None) => Object::Ellipsoid(depth),
+            (ShapeKind::Ellipsoid(_), Some(_)) => {
                 let problem = "ellipsoid and camera cannot be combined, because gonio fits an ellipsoid under an \
                                orthographic camera; specify a mesh";
-                return Err(Problem::new(problem));
+                return Err(AppError::new(problem));
             }
-            (Form::Outline, None) => Object::Outline,
-            (Form::Outline, Some(_)) => {
+            (ShapeKind::Outline, None) => Object::Outline,
+            (ShapeKind::Outline, Some(_)) => {
                 let problem = "outline and camera cannot be combined, because gonio inflates outlines under an \
                                orthographic camera; specify a mesh or normals";
-                return Err(Problem::new(problem));
+                return Err(AppError::new(problem));
             }
-            (Form::Normals(normals), camera) => return normals.object(image, camera, size),
-            (Form::Mesh(mesh), camera) => {
-                let (placed, notes) = place(mesh, self.pose.as_ref(), camera, size, warnings)?;
-                return Ok((Object::Surface(placed), notes));
+            (ShapeKind::Normals(normals), camera) => return normals.object(image, camera, size),
+            (ShapeKind::Mesh(mesh), camera) => {
+                let (placed, mesh) = pose_mesh(mesh, self.pose.as_ref(), camera, size, warnings)?;
+                return Ok((Object::Surface(placed), ShapeOrigin { mesh: Some(mesh), geometry: None }));
             }
         };
-        Ok((object, Value::Null))
+        Ok((object, ShapeOrigin::default()))
     }
 
     /// Returns the surface of a mesh with its camera, for images of `size`; `None` for a sphere
@@ -161,35 +163,40 @@ impl Shape {
     ///
     /// # Errors
     /// If [`Self::object`] fails, or the form is neither a mesh nor an orthographic sphere.
-    pub fn surface(self, size: (usize, usize), warnings: &mut Vec<Warning>) -> Result<Option<PosedSurface>, Problem> {
+    pub fn surface(self, size: (usize, usize), warnings: &mut Vec<Warning>) -> Result<Option<PosedSurface>, AppError> {
         match self.object("the picture", size, warnings)?.0 {
             Object::Surface(placed) => Ok(Some(placed)),
             Object::Sphere(None) => Ok(None),
-            _ => Err(Problem::new("only meshes and orthographic spheres can be rendered")),
+            _ => Err(AppError::new("only meshes and orthographic spheres can be rendered")),
         }
     }
 }
 
-impl Normals {
-    fn object(self, image: &str, camera: Option<Camera>, size: (usize, usize)) -> Result<(Object, Value), Problem> {
+impl NormalMap {
+    fn object(
+        self,
+        image: &str,
+        camera: Option<Camera>,
+        size: (usize, usize),
+    ) -> Result<(Object, ShapeOrigin), AppError> {
         let normals = match self.picture {
-            Source::Here(normals) => normals,
+            Source::Memory(normals) => normals,
             Source::File(path) => gonio_io::normals::read_normals(&path)?,
         };
         let normals = if self.correction.is_none() { normals } else { self.correction.apply_to(&normals) };
-        let (relief, notes) = match self.places {
-            None => (None, Value::Null),
+        let (relief, geometry) = match self.positions {
+            None => (None, None),
             Some(places) => {
                 let name = places.name();
-                (Some(places.read(&name, image, camera, size)?), json!({ "geometry": name }))
+                (Some(places.read(&name, image, camera, size)?), Some(name))
             }
         };
         let picture = NormalPicture { normals, camera, relief, trusted: self.trusted, error: self.error };
-        Ok((Object::Normals(Box::new(picture)), notes))
+        Ok((Object::Normals(Box::new(picture)), ShapeOrigin { mesh: None, geometry }))
     }
 }
 
-impl Places {
+impl PositionSource {
     fn name(&self) -> String {
         match self {
             Self::Depth(depth, ..) => depth.name("the depths"),
@@ -204,25 +211,25 @@ impl Places {
         image: &str,
         camera: Option<Camera>,
         size: (usize, usize),
-    ) -> Result<PositionMap, Problem> {
+    ) -> Result<PositionMap, AppError> {
         let (places, camera) = match self {
             Self::Depth(depth, range, kind) => {
                 let depth = match depth {
-                    Source::Here(depth) => depth,
+                    Source::Memory(depth) => depth,
                     Source::File(path) => read_depth(&path, &DepthOptions { range, ..DepthOptions::default() })?,
                 };
                 // Without a camera, depths are in pixels.
                 let unit = || Camera::new(Projection::Orthographic { pixels_per_unit: 1.0 }, (0.0, 0.0), size);
-                let camera = camera.map_or_else(unit, Ok).map_err(|error| Problem::of(image, error))?;
-                let places = positions_of_depth(&depth, &camera, kind).map_err(|error| Problem::of(name, error))?;
+                let camera = camera.map_or_else(unit, Ok).map_err(|error| AppError::of(image, error))?;
+                let places = positions_of_depth(&depth, &camera, kind).map_err(|error| AppError::of(name, error))?;
                 (places, camera)
             }
             Self::Positions(positions) => {
                 let Some(camera) = camera else {
-                    return Err(Problem::of(name, "a position map requires a camera").with(Suggestion::Camera));
+                    return Err(AppError::of(name, "a position map requires a camera").with(Suggestion::Camera));
                 };
                 let places = match positions {
-                    Source::Here(places) => places,
+                    Source::Memory(places) => places,
                     Source::File(path) => read_positions(&path)?,
                 };
                 (places, camera)
@@ -230,49 +237,48 @@ impl Places {
         };
         if places.size() != size {
             let ((w, h), (pw, ph)) = (places.size(), size);
-            return Err(Problem::new(format!(
+            return Err(AppError::new(format!(
                 "{name} is {w}x{h} pixels, but {image} is {pw}x{ph}; use images of the same size"
             )));
         }
-        Ok(PositionMap { places, camera })
+        Ok(PositionMap { positions: places, camera })
     }
 }
 
-/// Places a mesh in front of its camera; also returns the notes for the result.
-fn place(
+/// Places a mesh in front of its camera; also returns its name and its defects.
+fn pose_mesh(
     source: Source<MeshParts>,
     pose: Option<&Source<Vec<u8>>>,
     camera: Option<Camera>,
     size: (usize, usize),
     warnings: &mut Vec<Warning>,
-) -> Result<(PosedSurface, Value), Problem> {
+) -> Result<(PosedSurface, (String, MeshDefects)), AppError> {
     let name = source.name("the mesh");
     let (mesh, soundness) = match source {
-        Source::Here(parts) => Mesh::new(parts).map_err(|error| Problem::of(&name, error))?,
+        Source::Memory(parts) => Mesh::new(parts).map_err(|error| AppError::of(&name, error))?,
         Source::File(path) => gonio_io::mesh::read_shape(&path)?,
     };
     // Warnings about a mesh in memory already start with its name.
     let complaint = |odd: String| if odd.starts_with(&name) { odd } else { format!("{name}: {odd}") };
-    warnings.extend(soundness.complaint().map(complaint).map(Warning::from));
+    warnings.extend(soundness.describe().map(complaint).map(Warning::from));
     let mesh = match pose {
         None => mesh,
         Some(pose) => {
             let by = match pose {
                 Source::File(path) => read_pose(path)?,
-                Source::Here(json) => decode_pose(Path::new("the pose"), json)?,
+                Source::Memory(json) => decode_pose(Path::new("the pose"), json)?,
             };
-            mesh.transformed(&by).map_err(|error| Problem::of(pose.name("the pose"), error))?
+            mesh.transformed(&by).map_err(|error| AppError::of(pose.name("the pose"), error))?
         }
     };
     let default_camera = camera.is_none();
     let placed = PosedSurface::of_mesh(&mesh, camera, size).map_err(|error| {
-        let problem = Problem::of(&name, &error);
+        let problem = AppError::of(&name, &error);
         match error {
             PoseError::Unseen if default_camera => problem.with(Suggestion::Pose).with(Suggestion::Camera),
             PoseError::Unseen => problem.with(Suggestion::Pose),
             _ => problem,
         }
     })?;
-    let notes = notes::mesh(&name, &soundness, &placed.camera);
-    Ok((placed, notes))
+    Ok((placed, (name, soundness)))
 }

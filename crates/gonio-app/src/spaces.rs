@@ -9,12 +9,12 @@ use glam::{DMat3, DVec3};
 use gonio::reflectance::{BivariateTable, MerlTable};
 use gonio_io::colour_space::ColourSpace;
 use gonio_io::picture::InputSpace;
-use gonio_io::{Error, notes};
-use serde_json::{Value, json};
+use gonio_io::result::{ColourSpaces, ExportDocument};
+use gonio_io::{Error, json};
 
 use crate::Warning;
 use crate::export::SUMMARY;
-use crate::results::{BRDF, EARLIER_BRDF, RESULT};
+use crate::results::{BRDF, EARLIER_BRDF, document_in};
 
 /// Share of a photograph's pixels outside the gamut of Rec. 709 above which a warning reports them.
 const OUTSIDE_GAMUT: f64 = 0.01;
@@ -32,16 +32,13 @@ pub struct Spaces {
 impl Spaces {
     /// Returns the section `colorspace` of `result.json`; `input` is `None` for a picture in
     /// memory.
-    pub(crate) fn notes(self, input: Option<&InputSpace>) -> Value {
-        json!({
-            "input": input.map_or(ColourSpace::Rec709.name(), |input| input.name.as_str()),
-            "source": input.map_or("given", |input| input.source.words()),
-            "clamped_pixels": input.map_or(0, |input| input.clamped),
-            "output": self.output.name(),
-            "note": "input: colour space of the photograph; source: origin of this information; clamped_pixels: number of \
-                     pixels outside the gamut of Rec. 709, whose negative channels were set to zero; output: linear colour space \
-                     of the BRDF in brdf.npz and of light.exr; the quantiles in brdf.npz and every colour in this file are linear Rec. 709",
-        })
+    pub(crate) fn section(self, input: Option<&InputSpace>) -> ColourSpaces {
+        ColourSpaces {
+            input: Some(input.map_or(ColourSpace::Rec709.name(), |input| input.name.as_str()).to_owned()),
+            source: Some(input.map_or("given", |input| input.source.words()).to_owned()),
+            clamped_pixels: Some(input.map_or(0, |input| input.clamped)),
+            output: self.output.name().to_owned(),
+        }
     }
 
     /// Warns if colours of the BRDF of the input `name` lie outside the gamut of the output space.
@@ -146,24 +143,26 @@ pub fn read_brdf(path: &Path) -> Result<MerlTable, Error> {
 
 /// Returns the colour space of a BRDF from the JSON file beside it.
 fn space_of_brdf(path: &Path) -> ColourSpace {
-    let beside = |name: &str| notes::read(&path.with_file_name(name)).ok();
-    let named = |name: &Value| name.as_str().and_then(ColourSpace::named);
     let file = path.file_name().unwrap_or_default().to_string_lossy();
     let of_result = || {
-        let result = [BRDF, EARLIER_BRDF].contains(&&*file).then(|| beside(RESULT)).flatten()?;
-        named(&result["colorspace"]["output"])
+        let is_result = [BRDF, EARLIER_BRDF].contains(&&*file);
+        let folder = path.parent().filter(|_| is_result)?;
+        ColourSpace::named(&document_in(folder)?.colorspace.output)
     };
     let of_export = || {
-        let summary = beside(SUMMARY)?;
-        let holds = |entry: &&Value| entry["files"].as_array().is_some_and(|files| files.iter().any(|f| *f == *file));
-        named(&summary["exports"].as_object()?.values().find(holds)?["colorspace"])
+        let summary: ExportDocument = json::read(&path.with_file_name(SUMMARY)).ok()?;
+        let entry = summary.exports.values().find(|entry| entry.files.iter().any(|name| *name == file))?;
+        ColourSpace::named(&entry.colorspace)
     };
     of_result().or_else(of_export).unwrap_or_default()
 }
 
 #[cfg(test)]
 mod tests {
+    use serde_json::{Value, json};
+
     use super::*;
+    use crate::results::RESULT;
 
     fn tables(rgb: [f32; 3]) -> [BivariateTable; 3] {
         rgb.map(|value| BivariateTable::from_fn(|_, _| f64::from(value)))

@@ -15,7 +15,7 @@ use gonio::reflectance::nmf::NmfSettings;
 use gonio::reflectance::{
     BivariateTable, Dictionary, DictionarySettings, LogBasis, ReflectanceBasis, TrainReport, TrainSettings, train,
 };
-use gonio::simulation::{ColourStock, Stock, StockSettings};
+use gonio::simulation::{ColourStock, ScenePool, ScenePoolSettings};
 use gonio::sphere::OctahedralMap;
 pub use gonio_train::TrainingLosses;
 use gonio_train::{Checkpoint, Monitor, TrainError, TrainingSettings, learn};
@@ -27,7 +27,7 @@ use gonio_io::model::{decode_arrays, encode_arrays};
 use gonio_io::picture::ReadOptions;
 use gonio_io::{Error, bivariate, brdf};
 
-use crate::Problem;
+use crate::AppError;
 
 /// Error of a training run.
 #[derive(Debug, Error)]
@@ -49,7 +49,7 @@ pub enum TrainingError {
     Model(#[from] ModelError),
 }
 
-impl From<TrainingError> for Problem {
+impl From<TrainingError> for AppError {
     fn from(error: TrainingError) -> Self {
         match error {
             TrainingError::File(error) => error.into(),
@@ -113,16 +113,16 @@ pub struct LightingSettings {
     /// Number of equally spaced rotations about the vertical axis at which each map is used. An
     /// even number includes 180 degrees, which gives the horizontal and vertical wavelets of a
     /// scale equal statistics.
-    pub turns: usize,
+    pub rotations: usize,
     /// Radiance at which each map is clipped, in units of its mean; `None` does not clip.
-    pub cap: Option<f64>,
+    pub max_radiance: Option<f64>,
     /// Seed of the random starts of the fits.
     pub seed: u64,
 }
 
 impl Default for LightingSettings {
     fn default() -> Self {
-        Self { grid: 128, map: OctahedralMap::EqualArea, turns: 1, cap: None, seed: 1 }
+        Self { grid: 128, map: OctahedralMap::EqualArea, rotations: 1, max_radiance: None, seed: 1 }
     }
 }
 
@@ -165,7 +165,7 @@ pub struct PosteriorSettings {
 
 impl Default for PosteriorSettings {
     fn default() -> Self {
-        let (stock, training) = (StockSettings::default(), TrainingSettings::default());
+        let (stock, training) = (ScenePoolSettings::default(), TrainingSettings::default());
         let (views, draws, steps) = (stock.views, stock.draws, training.steps);
         Self { channel: Channel::Luminance, views, draws, steps, leave_out: None, seed: 1 }
     }
@@ -180,7 +180,7 @@ pub fn lighting(
     settings: &LightingSettings,
     progress: Progress<'_>,
 ) -> Result<(LightPrior, String), TrainingError> {
-    let LightingSettings { grid, map, turns, cap, seed } = *settings;
+    let LightingSettings { grid, map, rotations: turns, max_radiance: cap, seed } = *settings;
     if !grid.is_power_of_two() || !(8..=512).contains(&grid) {
         return Err(TrainingError::Setting(format!("grid {grid}: must be a power of two from 8 to 512")));
     }
@@ -191,7 +191,9 @@ pub fn lighting(
     let count = lights.each(&mut |share, light| {
         let light = &cap.map_or_else(|| light.clone(), |cap| light.capped(cap));
         let width = light.radiance().width();
-        grids.par_extend((0..turns).into_par_iter().map(|t| light.turned(t * width / turns).to_grid(map, grid)));
+        grids.par_extend(
+            (0..turns).into_par_iter().map(|t| light.shifted_columns(t * width / turns).to_grid(map, grid)),
+        );
         progress("reading lights", share);
     })?;
     let settings = PriorSettings { seed, ..PriorSettings::default() };
@@ -292,11 +294,16 @@ pub fn posterior(
     let basis = LogBasis::fit(&tables, LogBasis::RANK);
     let dictionary_settings = DictionarySettings { seed, ..DictionarySettings::default() };
     let dictionary = Dictionary::new(basis, &dictionary_settings);
-    let stock_settings =
-        StockSettings { groups: StockSettings::groups_for(steps), views, draws, seed, ..StockSettings::default() };
+    let stock_settings = ScenePoolSettings {
+        groups: ScenePoolSettings::groups_for(steps),
+        views,
+        draws,
+        seed,
+        ..ScenePoolSettings::default()
+    };
     let count = maps.len();
-    let left_out = (!tested.is_empty()).then(|| Stock::new(dictionary.clone(), tested, stock_settings));
-    let mut stock = Stock::new(dictionary, maps, stock_settings);
+    let left_out = (!tested.is_empty()).then(|| ScenePool::new(dictionary.clone(), tested, stock_settings));
+    let mut stock = ScenePool::new(dictionary, maps, stock_settings);
     let training = TrainingSettings { steps, seed, ..TrainingSettings::default() };
     let note = format!(
         "{channel:?} of {} materials, {count} lights, {dictionary_settings:?}, {stock_settings:?}, {training:?}",

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use glam::{DVec3, Vec3};
-use gonio::estimate::{Alignment, ColouringRule, Material, estimate_under};
+use gonio::estimate::{Alignment, ColouringRule, Material, estimate_known_light};
 use gonio::lighting::EnvironmentMap;
 use gonio::model::Model;
 use gonio::picture::{Picture, Plane};
@@ -37,7 +37,7 @@ fn ends(model: &Model, detection: &Detection) -> Vec<f64> {
     let material = Material::of(model, &detection.observations, 8).unwrap();
     let cells = [(0, 0), (0, 60), (5, 10), (12, 30), (30, 0), (45, 45), (70, 20)].map(|(h, d)| 90 * h + d);
     let quantiles = cells.iter().flat_map(|cell| [0, 3].map(|q| f64::from(material.quantiles[q][*cell])));
-    let ([low, _, high], [sharp, _, dull]) = (material.gloss, material.highlight.alpha);
+    let ([low, _, high], [sharp, _, dull]) = (material.peak_to_body, material.highlight.alpha);
     [low, high, sharp, dull].into_iter().chain(quantiles).collect()
 }
 
@@ -125,8 +125,8 @@ fn one_wrong_pixel_changes_no_interval_under_a_known_light() {
     let gloss = |picture: &Picture| {
         let observations = sphere(picture).observations;
         let light = (&map, Alignment::Fixed);
-        let found = estimate_under(&model, &observations, light, &ColouringRule::Grey, &|_| ()).unwrap();
-        found.material.gloss.to_vec()
+        let found = estimate_known_light(&model, &observations, light, &ColouringRule::Grey, &|_| ()).unwrap();
+        found.material.peak_to_body.to_vec()
     };
     let clean = gloss(&picture);
     let red = Vec3::new(5.0, 0.035, 0.035);

@@ -3,14 +3,15 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
-use gonio_app::{Checked, MeasuredReference, ProgressLog, Unchecked, check};
+use gonio_app::{CheckError, CheckResult, MeasuredReference, ProgressLog, check};
 use gonio_io::atomic::write_file;
 use gonio_io::picture::{encode_png_signed, is_signed};
-use serde_json::{Value, json};
+use gonio_io::result::ReferenceKind;
+use serde_json::json;
 
 use crate::input;
 use crate::outcome::Outcome;
-use crate::progress::Stages;
+use crate::progress::ProgressLine;
 use crate::scene::SceneOptions;
 use crate::suggestion::{self, plain};
 
@@ -20,7 +21,7 @@ const SIGNATURE: &str = "gonio check";
 /// Options of `gonio check`.
 #[derive(clap::Args)]
 #[command(after_help = "Example: gonio check photo.exr --mask mask.png")]
-pub(crate) struct Options {
+pub(crate) struct CheckOptions {
     #[command(flatten)]
     scene: SceneOptions,
     /// Image to write [default: IMAGE-check.png beside the photograph]
@@ -32,7 +33,7 @@ pub(crate) struct Options {
     output: Option<PathBuf>,
 }
 
-impl Options {
+impl CheckOptions {
     /// Returns the path of the image: the specified one, or the default beside the photograph.
     fn output(&self) -> Result<PathBuf> {
         let image = self.scene.image();
@@ -67,22 +68,22 @@ fn beside(image: &Path) -> PathBuf {
     image.with_file_name(name)
 }
 
-pub(crate) fn run(options: &Options) -> Result<Outcome> {
+pub(crate) fn run(options: &CheckOptions) -> Result<Outcome> {
     let output = options.output()?;
     let (scene, regions) = (options.scene.scene()?, options.scene.regions());
     let name = scene.name.clone();
-    let line = Stages::new("reading");
-    let listener = |stage, fraction| line.at(stage, fraction);
+    let line = ProgressLine::new("reading");
+    let listener = |stage, fraction| line.report(stage, fraction);
     let progress_log = ProgressLog::new("reading", &listener);
     let checked = match check(scene, regions, &progress_log) {
         Ok(checked) => checked,
-        Err(Unchecked { problem, candidates: None }) => return Err(plain(problem)),
-        Err(Unchecked { problem, candidates: Some(picture) }) => {
+        Err(CheckError { problem, candidates: None }) => return Err(plain(problem)),
+        Err(CheckError { problem, candidates: Some(picture) }) => {
             write_file(&output, &encode_png_signed(&picture, SIGNATURE))?;
             bail!("{}; see {}", plain(problem), output.display());
         }
     };
-    progress_log.at("drawing", 0.0);
+    progress_log.report("drawing", 0.0);
     write_file(&output, &encode_png_signed(&checked.draw(), SIGNATURE))?;
     line.finish();
     let output = output.display().to_string();
@@ -95,29 +96,29 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
 
 /// Describes the reference in a photograph in one line.
 fn describe_reference(reference: &MeasuredReference) -> String {
-    let notes = reference.notes(None);
     let [r, g, b] = reference.light.chroma().rgb().to_array();
-    let mut line =
-        format!("{}: linear RGB colour of the light {r:.3},{g:.3},{b:.3}", notes["kind"].as_str().unwrap_or_default());
-    if let Some(corners) = notes["corners"].as_array() {
-        let at = |corner: &Value, i: usize| corner[i].as_f64().unwrap_or_default();
-        let corners: Vec<String> = corners.iter().map(|c| format!("{:.1},{:.1}", at(c, 0), at(c, 1))).collect();
-        line += &format!(", corner patches {}", corners.join(","));
-    }
-    line + "\n"
+    let (kind, corners) = match reference.section(None).kind {
+        ReferenceKind::WhitePatch(_) => ("white patch", None),
+        ReferenceKind::GreyCard(_) => ("grey card", None),
+        ReferenceKind::ColourChart { corners, .. } => ("colour chart", Some(corners)),
+    };
+    let corners = corners.map_or_else(String::new, |corners| {
+        format!(", corner patches {}", corners.map(|(x, y)| format!("{x:.1},{y:.1}")).join(","))
+    });
+    format!("{kind}: linear RGB colour of the light {r:.3},{g:.3},{b:.3}{corners}\n")
 }
 
 /// Describes a photograph and each of its objects.
-fn describe(checked: &Checked, name: &str) -> String {
+fn describe(checked: &CheckResult, name: &str) -> String {
     let (width, height) = checked.picture.rgb.size();
     let mut lines = format!("{name}: {width}x{height} pixels\n");
-    let reference = checked.objects.first().and_then(|object| object.seen.reference.as_ref());
+    let reference = checked.objects.first().and_then(|object| object.scene.reference.as_ref());
     lines += &reference.map(describe_reference).unwrap_or_default();
     for object in &checked.objects {
-        let report = &object.seen.detection.observations.report;
+        let report = &object.scene.detection.observations.report;
         let of = object.name.as_ref().map(|name| format!("region {name}: ")).unwrap_or_default();
         lines += &format!(
-            "{of}{}, {:.1} % of the image\n{of}{} usable pixels; {} clipped, {} faulty (negative, NaN or infinite), {} outliers\n",
+            "{of}{}, {:.1} % of the image\n{of}{} pixels on the object; {} clipped, {} faulty (negative, NaN or infinite), {} outliers\n",
             object.outline(),
             100.0 * object.coverage(),
             report.observed_pixels,

@@ -5,16 +5,15 @@ use std::path::PathBuf;
 use anyhow::Result;
 use gonio_app::folder::for_results;
 use gonio_app::{ProgressLog, combine};
-use serde_json::json;
 
 use crate::input;
 use crate::outcome::Outcome;
-use crate::progress::Stages;
+use crate::progress::ProgressLine;
 use crate::suggestion::plain;
 
 /// Options of `gonio combine`.
 #[derive(clap::Args)]
-pub(crate) struct Options {
+pub(crate) struct CombineOptions {
     /// Result folders of gonio infer, one per photograph of the same material
     #[arg(required = true, num_args = 2.., value_name = "DIR")]
     folders: Vec<PathBuf>,
@@ -26,16 +25,16 @@ pub(crate) struct Options {
     model: Option<PathBuf>,
 }
 
-pub(crate) fn run(options: &Options) -> Result<Outcome> {
-    let line = Stages::new("reading");
-    let listener = |stage, fraction| line.at(stage, fraction);
+pub(crate) fn run(options: &CombineOptions) -> Result<Outcome> {
+    let line = ProgressLine::new("reading");
+    let listener = |stage, fraction| line.report(stage, fraction);
     let progress_log = ProgressLog::new("reading", &listener);
     let given = combine::read_posteriors(&options.folders).map_err(plain)?;
     let (model, name) = input::model(options.model.as_deref())?;
     let folder = for_results(&options.output)?;
     let answer = combine::combine((&model, &name), &given, &progress_log).map_err(plain)?;
-    progress_log.at("writing", 0.0);
-    folder.fill(&answer.files().map_err(plain)?.encode())?;
+    progress_log.report("writing", 0.0);
+    folder.fill(&answer.files().encode())?;
     line.finish();
     let output = options.output.display().to_string();
     let text = format!(
@@ -43,9 +42,5 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
         given.len(),
         answer.material.verdict()
     );
-    let mut outcome = Outcome::new(text, json!({ "output": output }));
-    let mut notes = answer.notes;
-    let fields = ["method", "photographs", "posterior", "colour"].map(|key| (key.to_owned(), notes[key].take()));
-    outcome.fields.extend(fields);
-    Ok(outcome)
+    Ok(Outcome::of_result(text, &output, &answer.document))
 }

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
-use gonio_app::compare::{self, Given, PAGE};
+use gonio_app::compare::{self, ComparedFolder, PAGE};
 use gonio_app::results::RESULT;
 use gonio_io::atomic::write_file;
 use gonio_report::compare::Comparison;
@@ -11,11 +11,11 @@ use serde_json::json;
 
 use crate::batch;
 use crate::outcome::Outcome;
-use crate::progress::Stage;
+use crate::progress::StageProgress;
 use crate::suggestion::plain;
 
 /// Largest number of pairs whose agreement is printed.
-const SAID: usize = 10;
+const MAX_PRINTED_PAIRS: usize = 10;
 
 /// Options of `gonio compare`.
 #[derive(clap::Args)]
@@ -23,7 +23,7 @@ const SAID: usize = 10;
 Examples:
   gonio compare one two three -o compare.html     results of gonio infer
   gonio compare results                           all rows of gonio batch")]
-pub(crate) struct Options {
+pub(crate) struct CompareOptions {
     /// Result folders of gonio infer or gonio batch
     ///
     /// The page shows all rows of a batch and all regions of a photograph with several materials.
@@ -37,7 +37,7 @@ pub(crate) struct Options {
     output: Option<PathBuf>,
 }
 
-impl Options {
+impl CompareOptions {
     /// Returns the path of the page: the specified one, or the default in the current folder.
     fn output(&self) -> Result<PathBuf> {
         let Some(output) = &self.output else {
@@ -54,20 +54,22 @@ impl Options {
     }
 
     /// Lists the results in all folders.
-    fn given(&self) -> Result<Vec<Given>> {
+    fn given(&self) -> Result<Vec<ComparedFolder>> {
         let alone = self.folders.len() == 1;
         let mut all = Vec::new();
         for (name, folder) in compare::names(&self.folders).into_iter().zip(&self.folders) {
             if !is_batch(folder)? {
                 compare::check(folder).map_err(plain)?;
-                all.push(Given { name, folder: folder.clone(), failed: None });
+                all.push(ComparedFolder { name, folder: folder.clone(), failed: None });
                 continue;
             }
             let rows = batch::given_of(folder)?;
             if rows.is_empty() {
                 bail!("{}: contains no results of gonio batch", folder.display());
             }
-            let named = |row: Given| if alone { row } else { Given { name: format!("{name}/{}", row.name), ..row } };
+            let named = |row: ComparedFolder| {
+                if alone { row } else { ComparedFolder { name: format!("{name}/{}", row.name), ..row } }
+            };
             all.extend(rows.into_iter().map(named));
         }
         Ok(all)
@@ -83,17 +85,17 @@ fn is_batch(folder: &Path) -> Result<bool> {
     if !folder.is_dir() {
         bail!("{shown}: is not a folder; {give}");
     }
-    match (folder.join(RESULT).exists(), folder.join(batch::NOTES).is_dir()) {
+    match (folder.join(RESULT).exists(), folder.join(batch::OUTCOMES).is_dir()) {
         (true, _) => Ok(false),
         (false, true) => Ok(true),
         (false, false) => bail!("{shown}: does not contain {RESULT}; {give}"),
     }
 }
 
-pub(crate) fn run(options: &Options) -> Result<Outcome> {
+pub(crate) fn run(options: &CompareOptions) -> Result<Outcome> {
     let output = options.output()?;
     let given = options.given()?;
-    let stage = Stage::new("comparing");
+    let stage = StageProgress::new("comparing");
     let comparison = compare::read(&given, &output);
     if comparison.count() < 2 {
         bail!("{}: contains only one result; specify at least two result folders", options.folders[0].display());
@@ -105,7 +107,7 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
 
 fn outcome(comparison: &Comparison, output: &str) -> Outcome {
     let mut text = format!("{output}: compares {} results", comparison.count());
-    if comparison.pairs.len() <= SAID {
+    if comparison.pairs.len() <= MAX_PRINTED_PAIRS {
         comparison.pairs.iter().for_each(|pair| text += &format!("\n{}", pair.sentence));
     }
     let pair = |pair: &gonio_report::compare::Pair| json!({ "of": comparison.names(pair), "agreement": pair.agreement.word(), "distance": pair.distance });

@@ -14,7 +14,7 @@ use crate::outcome::Outcome;
 
 /// Options of `gonio convert`.
 #[derive(clap::Args)]
-pub(crate) struct Options {
+pub(crate) struct ConvertOptions {
     /// BRDF to read: brdf.npz of a result, a MERL table (.binary), or an RGB file of RGL (.bsdf)
     input: PathBuf,
     /// File to write: X.binary, X_spec.bsdf or X.bsdf
@@ -27,7 +27,7 @@ pub(crate) struct Options {
     grey: bool,
 }
 
-pub(crate) fn run(options: &Options) -> Result<Outcome> {
+pub(crate) fn run(options: &ConvertOptions) -> Result<Outcome> {
     let format = Format::of(&options.output)?;
     let table = input::brdf(&options.input)?;
     let tables = || {

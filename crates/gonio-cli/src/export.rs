@@ -10,17 +10,18 @@ use gonio_app::Spaces;
 use gonio_app::export::{Export, Target, is_absolute, light_of_results};
 use gonio_app::folder::{EXPORT, for_exports};
 use gonio_app::results::{BRDF, brdf_in};
-use serde_json::{Value, json};
+use gonio_io::result::ExportEntry;
+use serde_json::json;
 
 use crate::input;
 use crate::outcome::Outcome;
-use crate::progress::Stage;
+use crate::progress::StageProgress;
 use crate::space::OutputSpace;
 use crate::suggestion::{plain, words};
 
 /// Options of `gonio export`.
 #[derive(clap::Args)]
-pub(crate) struct Options {
+pub(crate) struct ExportOptions {
     /// Result folder of gonio infer, or a BRDF file (.npz, .binary, .bsdf)
     input: PathBuf,
     /// Renderers and models to export to, separated by commas [default: all]
@@ -68,7 +69,7 @@ fn parse_albedo(text: &str) -> Result<f64, String> {
         .ok_or_else(|| "expected a number above 0 and at most 1".into())
 }
 
-pub(crate) fn run(options: &Options) -> Result<Outcome> {
+pub(crate) fn run(options: &ExportOptions) -> Result<Outcome> {
     if !options.input.exists() {
         bail!(
             "{}: file or folder not found; specify a result folder of gonio infer or a BRDF file (.npz, .binary, .bsdf)",
@@ -102,42 +103,39 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     let export = Export {
         name,
         tables: colours.clone(),
-        whole: Some(table),
+        full_table: Some(table),
         light,
         space: options.space.space(),
         albedo: options.albedo,
         absolute: !is_folder || is_absolute(&options.input),
         with_tables: options.tables,
     };
-    let stage = Stage::new("fitting models");
-    let written = export.write(&folder, &targets, &options.input.display().to_string(), &|x| stage.at(x))?;
+    let stage = StageProgress::new("fitting models");
+    let written = export.write(&folder, &targets, &options.input.display().to_string(), &|x| stage.report(x))?;
     stage.finish();
     let Some(summary) = written else {
         bail!("{}: cannot be exported, because the BRDF is zero at normal incidence; use another BRDF", file.display())
     };
-    let poor = summary["warnings"].as_array().into_iter().flatten().filter_map(Value::as_str).map(str::to_owned);
     let warnings: Vec<String> = Spaces { input: None, output: options.space.space() }
         .warning(&file.display().to_string(), &colours)
         .iter()
         .map(|w| w.worded(&words))
-        .chain(poor)
+        .chain(summary.warnings.iter().cloned())
         .collect();
     folder.commit()?;
-    let line = |(target, entry): (&String, &Value)| {
-        let files: Vec<&str> = entry["files"].as_array().into_iter().flatten().filter_map(Value::as_str).collect();
-        let percent = 100.0 * entry["relight"].as_f64().unwrap_or(0.0);
-        format!("{target:15} {:40} relight error {percent:.1} %\n", files.join(", "))
+    let line = |(target, entry): (&String, &ExportEntry)| {
+        format!("{target:15} {:40} relight error {:.1} %\n", entry.files.join(", "), 100.0 * entry.relight)
     };
-    let lines: String = summary["exports"].as_object().into_iter().flatten().map(line).collect();
+    let lines: String = summary.exports.iter().map(line).collect();
     let output = output.display().to_string();
-    let albedo = match summary["albedo_source"].as_str() {
-        Some("fit") => format!(
+    let albedo = match summary.albedo_source.as_str() {
+        "fit" => format!(
             "albedo {:.2}: the photograph does not determine it; the models of renderers fit best at this albedo (--albedo sets another)\n",
-            summary["albedo"].as_f64().unwrap_or_default()
+            summary.albedo
         ),
         _ => String::new(),
     };
-    let mut outcome = Outcome::new(format!("{lines}{albedo}{output}"), summary).warning(warnings);
+    let mut outcome = Outcome::new(format!("{lines}{albedo}{output}"), json!(summary)).warning(warnings);
     outcome.fields.insert("output".into(), json!(output));
     Ok(outcome)
 }

@@ -7,18 +7,20 @@ use anyhow::{Result, bail};
 use clap::ValueEnum;
 use gonio::inference::Solver;
 use gonio::scene::Circle;
-use gonio_app::folder::{beside, for_results, holds_results, would_replace};
-use gonio_app::regions::{Inferred, Several, infer_all};
+use gonio_app::folder::{default_output, for_results, holds_results, would_replace};
+use gonio_app::regions::{InferenceOutcome, RegionsResult, infer_all};
 use gonio_app::{
-    Alignment, Colours, KnownLight, LightSource, Method, MirrorBall, ProgressLog, Search, Settings, Source, Spaces,
+    Alignment, BasisSettings, ColourMode, KnownLight, LightMapSource, Method, MirrorBall, ProgressLog, Settings,
+    Source, Spaces,
 };
 use gonio_io::atomic::StagedFolder;
-use serde_json::{Value, json};
+use gonio_io::result::Reference;
+use serde_json::json;
 
 use crate::input;
 use crate::light::{Reflectance, parse_reflectance};
 use crate::outcome::Outcome;
-use crate::progress::Stages;
+use crate::progress::ProgressLine;
 use crate::scene::{SceneOptions, parse_circle};
 use crate::space::OutputSpace;
 use crate::suggestion::{self, plain};
@@ -26,7 +28,7 @@ use crate::suggestion::{self, plain};
 /// Options of `gonio infer`.
 #[derive(clap::Args)]
 #[command(after_help = SHORT_EXAMPLES, after_long_help = EXAMPLES)]
-pub(crate) struct Options {
+pub(crate) struct InferOptions {
     #[command(flatten)]
     pub(crate) scene: SceneOptions,
     /// Known light: a lat-long map in camera coordinates
@@ -38,9 +40,9 @@ pub(crate) struct Options {
     light: Option<PathBuf>,
     /// Outline of a mirror ball in the photograph, from which gonio measures the light
     ///
-    /// X,Y,RADIUS are in pixels from the top left corner. The ball must be beside the object, in
-    /// the same light. gonio detects a ball beside it; another object requires a mask
-    /// (docs/light-probe.md).
+    /// X,Y,RADIUS are in pixels from the top left corner. The mirror ball must be beside the
+    /// object, in the same light. If the object is a ball, gonio detects it; for any other object,
+    /// specify --mask (docs/light-probe.md).
     #[arg(long, value_name = "X,Y,RADIUS", value_parser = parse_circle, conflicts_with_all = ["light", "light_color"],
           help_heading = LIGHT)]
     mirror_ball: Option<Circle>,
@@ -50,8 +52,7 @@ pub(crate) struct Options {
     /// Without it, gonio assumes a grey ball and scales the BRDF to an albedo of 0.5.
     #[arg(long, value_name = "R|R,G,B", value_parser = parse_reflectance, requires = "mirror_ball", help_heading = LIGHT)]
     mirror_reflectance: Option<Reflectance>,
-    /// Range of rotations of the light map to search for the best fit [default: near; without HOW:
-    /// around]
+    /// Rotations of the light map to search [default: near; without HOW: around]
     #[arg(long, value_enum, value_name = "HOW", requires = "light", num_args = 0..=1, default_missing_value = "around",
           help_heading = LIGHT)]
     align_light: Option<AlignmentName>,
@@ -109,7 +110,7 @@ pub(crate) struct Options {
     /// This is the linear colour of a white matte ball, or of a grey card that faces the camera, at
     /// the position of the object. Only the ratios of the channels matter.
     #[arg(long, value_name = "R,G,B", value_parser = parse_light, conflicts_with = "light", help_heading = COLOUR)]
-    light_color: Option<Colours>,
+    light_color: Option<ColourMode>,
     /// Colour of the BRDF
     #[arg(long, value_enum, default_value_t = ColourName::Estimate, help_heading = COLOUR)]
     color: ColourName,
@@ -192,7 +193,7 @@ enum AlignmentName {
 enum SolverName {
     /// Exact minimisation of the paper's cost C_KL by blocks: faster, and reaches a lower cost
     Blocks,
-    /// Parallel updates, with line searches and safeguards that ensure convergence
+    /// Parallel updates with line searches; converges slowly
     Parallel,
     /// Algorithm 1 of the paper as printed
     Printed,
@@ -208,13 +209,13 @@ pub(crate) fn parse_yes(text: &str) -> Result<bool, String> {
 }
 
 /// Parses `R,G,B`: three positive linear numbers.
-fn parse_light(text: &str) -> Result<Colours, String> {
+fn parse_light(text: &str) -> Result<ColourMode, String> {
     let numbers: Result<Vec<f64>, _> = text.split(',').map(|s| s.trim().parse()).collect();
     let light: Option<[f64; 3]> = numbers.ok().and_then(|numbers| numbers.try_into().ok());
-    light.and_then(Colours::under).ok_or_else(|| "expected three positive linear numbers, R,G,B".into())
+    light.and_then(ColourMode::under).ok_or_else(|| "expected three positive linear numbers, R,G,B".into())
 }
 
-impl Options {
+impl InferOptions {
     fn method(&self) -> Result<Method> {
         let solver = match self.solver {
             None | Some(SolverName::Blocks) => Solver::Blocks,
@@ -222,7 +223,7 @@ impl Options {
             Some(SolverName::Printed) => Solver::Printed,
         };
         let (starts, seed) = (self.starts.unwrap_or(4) as usize, self.seed.unwrap_or(1));
-        let search = Search { solver, starts, seed, paper: self.paper, full_rows: self.full_rows };
+        let search = BasisSettings { solver, starts, seed, paper: self.paper, full_rows: self.full_rows };
         let usual = if self.light.is_some() || self.mirror_ball.is_some() {
             MethodName::KnownLight
         } else {
@@ -237,7 +238,7 @@ impl Options {
             let reflectance = self.mirror_reflectance.map_or([1.0; 3], |reflectance| reflectance.0);
             // Ball and object are in one picture, so there is no rotation to search.
             return Ok(Method::KnownLight(KnownLight {
-                map: LightSource::MirrorBall(MirrorBall { circle, reflectance }),
+                map: LightMapSource::MirrorBall(MirrorBall { circle, reflectance }),
                 alignment: Alignment::Fixed,
                 absolute: self.mirror_reflectance.is_some(),
             }));
@@ -250,11 +251,13 @@ impl Options {
                     Some(AlignmentName::Around) => Alignment::Around,
                     Some(AlignmentName::Fixed) => Alignment::Fixed,
                 };
-                Method::KnownLight(KnownLight { map: LightSource::Map(map), alignment, absolute: self.absolute })
+                Method::KnownLight(KnownLight { map: LightMapSource::Map(map), alignment, absolute: self.absolute })
             }
             (MethodName::KnownLightBasis, Some(map)) => Method::KnownLightBasis(search, map),
             (MethodName::KnownLight | MethodName::KnownLightBasis, None) => {
-                bail!("this --method requires a known light; specify it with --light MAP or --mirror-ball X,Y,RADIUS")
+                bail!(
+                    "this --method requires a known light; specify it with --light MAP (known-light: or --mirror-ball X,Y,RADIUS)"
+                )
             }
             (_, Some(_)) => {
                 bail!(
@@ -294,13 +297,13 @@ impl Options {
         Ok(())
     }
 
-    fn colours(&self) -> Result<Colours> {
+    fn colours(&self) -> Result<ColourMode> {
         Ok(match (self.color, self.light_color) {
-            (ColourName::Estimate, None) => Colours::Estimate,
+            (ColourName::Estimate, None) => ColourMode::Estimate,
             (ColourName::Estimate, Some(under)) => under,
             (_, Some(_)) => bail!("--light-color requires --color estimate"),
-            (ColourName::Median, None) => Colours::Median,
-            (ColourName::None, None) => Colours::Grey,
+            (ColourName::Median, None) => ColourMode::Median,
+            (ColourName::None, None) => ColourMode::Grey,
         })
     }
 
@@ -311,7 +314,7 @@ impl Options {
             if input::is_stdin(&image) {
                 bail!("standard input has no default folder for the results; specify one with -o DIR");
             }
-            let output = beside(&image);
+            let output = default_output(&image);
             if output.exists() && !holds_results(&output) {
                 bail!(
                     "{}: exists and does not contain results of gonio infer; specify another folder with -o DIR",
@@ -331,7 +334,7 @@ impl Options {
     }
 }
 
-pub(crate) fn run(options: &Options) -> Result<Outcome> {
+pub(crate) fn run(options: &InferOptions) -> Result<Outcome> {
     let start = Instant::now();
     let settings = Settings {
         method: options.method()?,
@@ -343,8 +346,8 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
         spaces: Spaces { input: options.scene.reading.colour_space(), output: options.space.space() },
         words: &suggestion::words,
     };
-    let line = Stages::new("model");
-    let listener = |stage, fraction| line.at(stage, fraction);
+    let line = ProgressLine::new("model");
+    let listener = |stage, fraction| line.report(stage, fraction);
     let progress_log = ProgressLog::new("model", &listener);
     let (model, name) = input::model(options.model.as_deref())?;
     // Created before the estimation, so that an error in the folder is reported at once.
@@ -353,73 +356,62 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     let (scene, regions) = (options.scene.scene()?, options.scene.regions());
     let inferred = infer_all((&model, &name), scene, regions.as_ref(), &settings, &progress_log).map_err(plain)?;
     let answer = match inferred {
-        Inferred::One(answer) => answer,
-        Inferred::Several(several) => {
+        InferenceOutcome::Material(answer) => answer,
+        InferenceOutcome::Regions(several) => {
             let outcome = write_regions(&several, folder, &progress_log, start);
             line.finish();
             return outcome;
         }
     };
-    progress_log.at("writing", 0.0);
-    folder.fill(&answer.files().map_err(plain)?.encode())?;
+    progress_log.report("writing", 0.0);
+    folder.fill(&answer.files().encode())?;
     line.finish();
     let output = output.display().to_string();
     let page = if options.no_report { "result.json" } else { "report.html" };
     let mut text = format!(
         "{output}: BRDF, light, pictures and {page} from {} pixels in {:.1} s",
-        answer.seen.detection.observations.report.used_pixels,
+        answer.scene.detection.observations.report.used_pixels,
         start.elapsed().as_secs_f64()
     );
-    if let Some(sureness) = answer.seen.detection.sureness {
+    if let Some(sureness) = answer.scene.detection.reliability {
         text += &format!("\nball {sureness}");
     }
     if let Some(material) = &answer.material {
         text += &format!("\n{}", material.verdict());
     }
-    text += &albedo_by_reference(&answer.notes["reference"]);
-    // Sections of result.json that are also printed with --json.
-    let mut notes = answer.notes;
-    let fields =
-        ["method", "posterior", "colour", "colorspace", "noise", "known_light", "exposure", "reference", "seconds"]
-            .map(|key| (key.to_owned(), notes[key].take()));
-    let mut outcome = Outcome::new(text, json!({ "output": output })).warning(answer.warnings);
-    outcome.fields.extend(fields);
-    Ok(outcome)
+    text += &albedo_by_reference(answer.document.reference.as_ref());
+    Ok(Outcome::of_result(text, &output, &answer.document).warning(answer.warnings))
 }
 
 /// Returns the line on the albedo from a reference; empty if there is no reference with a scale.
-fn albedo_by_reference(reference: &Value) -> String {
-    let scale = &reference["scale"];
-    let (albedo, interval) = (scale["normal_albedo"].as_f64(), &scale["normal_albedo_interval_90"]);
-    match (albedo, interval[0].as_f64(), interval[1].as_f64()) {
-        (Some(albedo), Some(low), Some(high)) => {
-            format!(
-                "\nalbedo at normal incidence {albedo:.3} (90 % interval {low:.3} to {high:.3}), from the reference in the image"
-            )
-        }
-        _ => String::new(),
-    }
+fn albedo_by_reference(reference: Option<&Reference>) -> String {
+    reference.and_then(|reference| reference.scale).map_or_else(String::new, |scale| {
+        let (albedo, [low, high]) = (scale.normal_albedo, scale.normal_albedo_interval_90);
+        format!(
+            "\nalbedo at normal incidence {albedo:.3} (90 % interval {low:.3} to {high:.3}), from the reference in the image"
+        )
+    })
 }
 
 /// Writes the results of several regions.
 fn write_regions(
-    several: &Several,
+    several: &RegionsResult,
     folder: StagedFolder,
     progress_log: &ProgressLog<'_>,
     start: Instant,
 ) -> Result<Outcome> {
-    progress_log.at("writing", 0.0);
+    progress_log.report("writing", 0.0);
     let output = folder.target().display().to_string();
-    folder.fill(&several.files().map_err(plain)?)?;
+    folder.fill(&several.files())?;
     let names: Vec<&str> = several.regions.iter().map(|region| region.name.as_str()).collect();
     let seconds = start.elapsed().as_secs_f64();
     let text = format!("{output}: BRDFs of {} regions ({}) in {seconds:.1} s", names.len(), names.join(", "));
     let mut warnings: Vec<String> = Vec::new();
     for region in &several.regions {
-        warnings.extend(region.answer.warnings.iter().map(|warning| format!("region {}: {warning}", region.name)));
+        warnings.extend(region.result.warnings.iter().map(|warning| format!("region {}: {warning}", region.name)));
     }
     let mut outcome = Outcome::new(text, json!({ "output": output })).warning(warnings);
-    outcome.fields.extend([("regions".to_owned(), several.notes["regions"].clone())]);
+    outcome.fields.extend([("regions".to_owned(), json!(several.document.regions))]);
     Ok(outcome)
 }
 
@@ -429,7 +421,7 @@ mod tests {
 
     #[test]
     fn light_colour_requires_three_positive_numbers() {
-        assert_eq!(parse_light("1, 0.8,0.5").ok(), Colours::under([1.0, 0.8, 0.5]));
+        assert_eq!(parse_light("1, 0.8,0.5").ok(), ColourMode::under([1.0, 0.8, 0.5]));
         assert!(parse_light("1, 0.8,0.5").is_ok());
         for wrong in ["", "1,1", "1,1,0", "1,1,nan", "1,1,-1", "1,1,1,1", "red"] {
             assert!(parse_light(wrong).is_err(), "{wrong}");

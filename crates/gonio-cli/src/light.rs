@@ -4,13 +4,13 @@ use std::path::PathBuf;
 
 use anyhow::{Result, bail};
 use gonio::scene::Circle;
-use gonio_app::{Form, Mirror, ProgressLog, Reading, Scene, Shape, Source, light_probe};
+use gonio_app::{ProbePhotographs, ProgressLog, Reading, Scene, Shape, ShapeKind, Source, light_probe};
 use serde_json::json;
 
 use crate::input;
 use crate::merge::write_all;
 use crate::outcome::Outcome;
-use crate::progress::Stages;
+use crate::progress::ProgressLine;
 use crate::reading::ReadingOptions;
 use crate::scene::parse_circle;
 use crate::space::OutputSpace;
@@ -18,7 +18,7 @@ use crate::suggestion::{self, plain};
 
 /// Options of `gonio light`.
 #[derive(clap::Args)]
-pub(crate) struct Options {
+pub(crate) struct LightOptions {
     /// HDR photograph of a mirror ball, or exposures of one scene; use - for standard input
     ///
     /// EXR, Radiance HDR and PFM contain linear radiance. gonio also accepts 8- and 16-bit PNG,
@@ -94,25 +94,25 @@ pub(crate) fn parse_reflectance(text: &str) -> Result<Reflectance, String> {
         .ok_or_else(|| "expected one number above 0 and at most 1, or three such numbers, R,G,B".into())
 }
 
-impl Options {
+impl LightOptions {
     fn scene(&self, files: &[PathBuf], mask: Option<&PathBuf>, circle: Option<Circle>) -> Result<Scene> {
         let reading: Reading = self.reading.reading();
         Ok(Scene {
             name: input::name(files),
-            shots: input::shots(files)?,
+            photograph: input::shots(files)?,
             reading,
             clip: self.clip,
             mask: mask.cloned().map(Source::File),
             keep_colours: true,
             force: false,
             reference: None,
-            shape: Shape { camera: self.camera.clone().map(Source::File), ..Shape::of(Form::Sphere(circle)) },
+            shape: Shape { camera: self.camera.clone().map(Source::File), ..Shape::of(ShapeKind::Sphere(circle)) },
         })
     }
 
-    fn mirror(&self) -> Result<Mirror> {
+    fn mirror(&self) -> Result<ProbePhotographs> {
         let second = || self.scene(&self.second, self.second_mask.as_ref(), self.second_circle);
-        Ok(Mirror {
+        Ok(ProbePhotographs {
             first: self.scene(&self.images, self.mask.as_ref(), self.circle)?,
             second: if self.second.is_empty() { None } else { Some((second()?, self.second_yaw)) },
             reflectance: self.reflectance.0,
@@ -121,7 +121,7 @@ impl Options {
     }
 }
 
-pub(crate) fn run(options: &Options) -> Result<Outcome> {
+pub(crate) fn run(options: &LightOptions) -> Result<Outcome> {
     let output = &options.output;
     if output.extension().is_none_or(|e| !e.eq_ignore_ascii_case("exr")) {
         bail!("{}: the output must be an .exr file", output.display());
@@ -129,8 +129,8 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     if options.images.iter().chain(&options.second).any(|image| image == output) {
         bail!("{}: the output would overwrite the photograph; specify another name", output.display());
     }
-    let line = Stages::new("reading");
-    let listener = |stage, fraction| line.at(stage, fraction);
+    let line = ProgressLine::new("reading");
+    let listener = |stage, fraction| line.report(stage, fraction);
     let probe = light_probe(options.mirror()?, &ProgressLog::new("reading", &listener)).map_err(plain)?;
     line.finish();
     let (map, picture) = probe.encode(options.space.space());

@@ -31,9 +31,9 @@ use std::sync::Mutex;
 
 use clap::{Parser, Subcommand};
 
-use progress::{Verbosity, set_talk};
+use progress::{Verbosity, set_verbosity};
 
-/// Estimate the BRDF of an object of known shape from one photograph under unknown light.
+/// Estimate the BRDF of an object from one photograph, under unknown or known light.
 #[derive(Parser)]
 #[command(
     name = "gonio",
@@ -74,25 +74,25 @@ struct General {
 #[derive(Subcommand)]
 pub(crate) enum Command {
     /// Infer the BRDF of the object in a photograph
-    Infer(Box<infer::Options>),
+    Infer(Box<infer::InferOptions>),
     /// Show the object, clipped pixels and faulty pixels in a photograph
-    Check(Box<check::Options>),
+    Check(Box<check::CheckOptions>),
     /// Infer the BRDFs of many photographs, or of the rows of a table
-    Batch(batch::Options),
+    Batch(batch::BatchOptions),
     /// Combine the results of several photographs of one material
-    Combine(combine::Options),
+    Combine(combine::CombineOptions),
     /// Show several results side by side on one HTML page
-    Compare(compare::Options),
+    Compare(compare::CompareOptions),
     /// Export a BRDF to renderers: Mitsuba, pbrt, Blender, glTF, MaterialX
-    Export(export::Options),
+    Export(export::ExportOptions),
     /// Render a sphere or a mesh with a BRDF under a light map
-    Render(render::Options),
+    Render(render::RenderOptions),
     /// Merge exposures of one scene into an HDR image
-    Merge(merge::Options),
+    Merge(merge::MergeOptions),
     /// Convert a photograph of a mirror ball to a light map
-    Light(Box<light::Options>),
+    Light(Box<light::LightOptions>),
     /// Convert a BRDF between file formats
-    Convert(convert::Options),
+    Convert(convert::ConvertOptions),
     /// Train a model on light maps and measured BRDFs
     #[command(subcommand)]
     Train(train::Command),
@@ -106,7 +106,7 @@ pub(crate) enum Command {
 /// panics and reports one-line errors, so the panic hook prints nothing.
 static PANIC: Mutex<String> = Mutex::new(String::new());
 
-fn note(panic: &PanicHookInfo<'_>) {
+fn record_panic(panic: &PanicHookInfo<'_>) {
     if let Ok(mut noted) = PANIC.lock() {
         *noted = panic.to_string();
     }
@@ -115,10 +115,10 @@ fn note(panic: &PanicHookInfo<'_>) {
 fn main() -> ExitCode {
     let Args { general, command } = match help::parse(std::env::args_os()) {
         Ok(args) => args,
-        Err(error) => return refuse(&error),
+        Err(error) => return print_argument_error(&error),
     };
     let json = general.json;
-    set_talk(match general {
+    set_verbosity(match general {
         // `--quiet` does not suppress the completion script: it is the requested output.
         General { quiet: true, .. } if !matches!(command, Command::Completions(_)) => Verbosity::Quiet,
         General { verbose: true, .. } => Verbosity::Verbose,
@@ -128,7 +128,7 @@ fn main() -> ExitCode {
         // This fails only if a global thread pool exists already, which is not the case.
         let _ = rayon::ThreadPoolBuilder::new().num_threads(threads.into()).build_global();
     }
-    set_hook(Box::new(note));
+    set_hook(Box::new(record_panic));
     interrupt::watch();
     let run = || match &command {
         Command::Batch(options) => batch::run(options),
@@ -151,19 +151,19 @@ fn main() -> ExitCode {
             ExitCode::SUCCESS
         }
         Ok(Err(error)) => {
-            tell(&one_line(&format!("{error:#}")), json);
+            print_error(&one_line(&format!("{error:#}")), json);
             ExitCode::from(2)
         }
         Err(_) => {
             let said = PANIC.lock().map(|noted| noted.clone()).unwrap_or_default();
-            tell(&format!("internal error: {}; please report this bug", one_line(&said)), json);
+            print_error(&format!("internal error: {}; please report this bug", one_line(&said)), json);
             ExitCode::from(101)
         }
     }
 }
 
 /// Prints an error: one line on standard error, or a JSON object on standard output.
-fn tell(error: &str, json: bool) {
+fn print_error(error: &str, json: bool) {
     if json {
         println!("{}", serde_json::json!({ "error": error }));
     } else {
@@ -172,14 +172,14 @@ fn tell(error: &str, json: bool) {
 }
 
 /// Prints help and version unchanged, and an error in the arguments as one line without the usage.
-fn refuse(error: &clap::Error) -> ExitCode {
+fn print_argument_error(error: &clap::Error) -> ExitCode {
     use clap::error::ErrorKind as K;
     if matches!(error.kind(), K::DisplayHelp | K::DisplayVersion | K::DisplayHelpOnMissingArgumentOrSubcommand) {
         error.exit();
     }
     // `--json` is read from the raw arguments because parsing failed.
     let hint = help::hint(error).unwrap_or_else(|| "see --help".to_owned());
-    tell(&format!("{}; {hint}", problem(error)), std::env::args_os().any(|a| a == "--json"));
+    print_error(&format!("{}; {hint}", problem(error)), std::env::args_os().any(|a| a == "--json"));
     ExitCode::from(2)
 }
 

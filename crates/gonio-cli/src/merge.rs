@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
 use glam::Vec3;
-use gonio::bracket::{Known, MergeReport, Merged};
+use gonio::bracket::{MergeReport, Merged, MergedPixelStatus};
 use gonio::picture::Plane;
 use gonio::render::Exposure;
 use gonio_app::photograph::{MergedBracket, merge_files};
@@ -20,7 +20,7 @@ use gonio_report::canvas::{LINE, fill, legend, place, sheet, text};
 
 /// Options of `gonio merge`.
 #[derive(clap::Args)]
-pub(crate) struct Options {
+pub(crate) struct MergeOptions {
     /// Exposures of one static scene: 8- or 16-bit JPEG, PNG or TIFF files of equal size
     #[arg(required = true, value_name = "IMAGE")]
     images: Vec<PathBuf>,
@@ -38,7 +38,7 @@ pub(crate) struct Options {
     reading: ReadingOptions,
 }
 
-pub(crate) fn run(options: &Options) -> Result<Outcome> {
+pub(crate) fn run(options: &MergeOptions) -> Result<Outcome> {
     if options.output.extension().is_none_or(|e| !e.eq_ignore_ascii_case("exr")) {
         bail!("{}: the output must be an .exr file", options.output.display());
     }
@@ -67,17 +67,16 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
         picture.rgb.height(),
         report.clipped,
         report.dark,
-        report.moved,
-        report.coarse,
+        report.inconsistent,
+        report.quantised,
         if bracket.recovered { "recovered" } else { "specified" },
         100.0 * report.residual
     );
     let output = options.output.display().to_string();
-    let fields = json!({
-        "output": output, "exposures": bracket.amounts, "recovered_response": bracket.recovered, "report": report,
-        "colorspace": {
-            "input": bracket.space.name, "source": bracket.space.source.words(), "output": ColourSpace::Rec709.name(),
-        },
+    let mut fields = json!(bracket.section());
+    fields["output"] = json!(output);
+    fields["colorspace"] = json!({
+        "input": bracket.space.name, "source": bracket.space.source.words(), "output": ColourSpace::Rec709.name(),
     });
     Ok(Outcome::new(text, fields).warning(suggestion::worded(&warnings)))
 }
@@ -122,21 +121,21 @@ const MOVED: Vec3 = Vec3::new(1.0, 0.0, 0.6);
 /// Draws the merged image, the main exposure of each pixel, and the response.
 fn draw(bracket: &MergedBracket, paths: &[PathBuf]) -> Plane<Vec3> {
     let Merged { picture, known, report, .. } = &bracket.merged;
-    let count = bracket.amounts.len();
+    let count = bracket.relative_exposures.len();
     // Ranks by exposure, so that colours run from the shortest to the longest.
     let mut order: Vec<usize> = (0..count).collect();
-    order.sort_by(|&a, &b| bracket.amounts[a].total_cmp(&bracket.amounts[b]));
+    order.sort_by(|&a, &b| bracket.relative_exposures[a].total_cmp(&bracket.relative_exposures[b]));
     let rank = |exposure: usize| order.iter().position(|&e| e == exposure).unwrap_or(0);
     let hue = |exposure: usize| rainbow(rank(exposure) as f32 / (count - 1).max(1) as f32);
 
-    let is_known = |i: usize| matches!(known.as_slice()[i], Known::From(_));
+    let is_known = |i: usize| matches!(known.as_slice()[i], MergedPixelStatus::From(_));
     let exposure = Exposure::by_quantile(&picture.rgb, is_known, 0.9, 0.6);
     let shown = small(&picture.rgb.map(|v| exposure.apply(*v)));
     let origin = small(&known.map(|known| match known {
-        Known::From(exposure) => hue(usize::from(*exposure)),
-        Known::Clipped => CLIPPED,
-        Known::Dark => DARK,
-        Known::Moved => MOVED,
+        MergedPixelStatus::From(exposure) => hue(usize::from(*exposure)),
+        MergedPixelStatus::Clipped => CLIPPED,
+        MergedPixelStatus::Dark => DARK,
+        MergedPixelStatus::Inconsistent => MOVED,
     }));
     let below = (count + 4) * LINE;
     let (top, tall) = (GAP + LINE, shown.height().max(PANEL));
@@ -162,7 +161,7 @@ fn draw(bracket: &MergedBracket, paths: &[PathBuf]) -> Plane<Vec3> {
             Some(correction) => {
                 let (dx, dy) = correction.shift;
                 let shift = if (dx, dy) == (0, 0) { String::new() } else { format!(", shifted by {dx}, {dy} pixels") };
-                let (amount, pixels) = (bracket.amounts[e], report.from[e]);
+                let (amount, pixels) = (bracket.relative_exposures[e], report.pixels_by_exposure[e]);
                 let residual = 100.0 * report.residuals[e];
                 format!("{name}: relative exposure {amount:.4}, {pixels} pixels, residual {residual:.1} %{shift}")
             }
@@ -171,7 +170,7 @@ fn draw(bracket: &MergedBracket, paths: &[PathBuf]) -> Plane<Vec3> {
     }
     line(CLIPPED, &format!("clipped in all exposures: {}", report.clipped));
     line(DARK, &format!("black in all exposures: {}", report.dark));
-    line(MOVED, &format!("inconsistent: {}", report.moved));
+    line(MOVED, &format!("inconsistent: {}", report.inconsistent));
     out
 }
 

@@ -1,9 +1,24 @@
 //! Prints the result of a command as text, or as JSON with `--json`.
 
+use gonio_io::result::ResultDocument;
 use serde_json::{Map, Value, json};
 
 use crate::progress::is_quiet;
 use crate::{lines, one_line};
+
+/// Sections of `result.json` that are also printed with `--json`.
+const SUMMARY: [&str; 10] = [
+    "method",
+    "photographs",
+    "posterior",
+    "colour",
+    "colorspace",
+    "residual",
+    "known_light",
+    "exposure",
+    "reference",
+    "seconds",
+];
 
 /// Result of a successful command.
 pub(crate) struct Outcome {
@@ -20,6 +35,15 @@ impl Outcome {
     pub(crate) fn new(text: impl Into<String>, fields: Value) -> Self {
         let fields = if let Value::Object(fields) = fields { fields } else { Map::new() };
         Self { text: text.into(), warnings: Vec::new(), fields }
+    }
+
+    /// Creates an outcome with the sections of a result that summarise it, and the folder of the
+    /// result as `output`.
+    pub(crate) fn of_result(text: impl Into<String>, output: &str, document: &ResultDocument) -> Self {
+        let mut outcome = Self::new(text, json!(document));
+        outcome.fields.retain(|section, _| SUMMARY.contains(&section.as_str()));
+        outcome.fields.insert("output".into(), json!(output));
+        outcome
     }
 
     /// Adds warnings.

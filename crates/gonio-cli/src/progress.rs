@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 /// Number of steps of a bar. A running stage fills at most 99 % of them.
-const STEPS: u64 = 1000;
+const BAR_STEPS: u64 = 1000;
 
 /// Time after which the line appears; shorter stages show no line.
 const PATIENCE: Duration = Duration::from_millis(200);
@@ -31,24 +31,24 @@ pub(crate) enum Verbosity {
     Verbose,
 }
 
-static TALK: OnceLock<Verbosity> = OnceLock::new();
+static VERBOSITY: OnceLock<Verbosity> = OnceLock::new();
 
 /// Sets the amount of output, once.
-pub(crate) fn set_talk(talk: Verbosity) {
+pub(crate) fn set_verbosity(talk: Verbosity) {
     // The first call takes effect.
-    let _ = TALK.set(talk);
+    let _ = VERBOSITY.set(talk);
 }
 
-fn talk() -> Verbosity {
-    TALK.get().copied().unwrap_or(Verbosity::Usual)
+fn verbosity() -> Verbosity {
+    VERBOSITY.get().copied().unwrap_or(Verbosity::Usual)
 }
 
 pub(crate) fn is_quiet() -> bool {
-    talk() == Verbosity::Quiet
+    verbosity() == Verbosity::Quiet
 }
 
 pub(crate) fn is_verbose() -> bool {
-    talk() == Verbosity::Verbose
+    verbosity() == Verbosity::Verbose
 }
 
 /// Whether several inferences run at a time, whose progress lines would overwrite each other.
@@ -60,14 +60,14 @@ pub(crate) fn share_terminal(shared: bool) {
 }
 
 /// Progress line of one stage. Hidden at first, and if standard error is not a terminal.
-pub(crate) struct Stage {
+pub(crate) struct StageProgress {
     bar: ProgressBar,
     now: Mutex<(&'static str, Instant)>,
 }
 
-impl Stage {
+impl StageProgress {
     pub(crate) fn new(name: &'static str) -> Self {
-        let bar = ProgressBar::with_draw_target(Some(STEPS), ProgressDrawTarget::hidden());
+        let bar = ProgressBar::with_draw_target(Some(BAR_STEPS), ProgressDrawTarget::hidden());
         bar.set_style(style(WITHOUT_BAR));
         bar.set_message(name);
         // The line appears even if the stage reports no progress.
@@ -85,8 +85,8 @@ impl Stage {
     }
 
     /// Reports that a fraction (0..=1) of the stage is complete.
-    pub(crate) fn at(&self, fraction: f64) {
-        let position = ((fraction.clamp(0.0, 1.0) * STEPS as f64) as u64).min(STEPS - STEPS / 100);
+    pub(crate) fn report(&self, fraction: f64) {
+        let position = ((fraction.clamp(0.0, 1.0) * BAR_STEPS as f64) as u64).min(BAR_STEPS - BAR_STEPS / 100);
         let before = self.bar.position();
         // Several threads report, so a fraction can be smaller than the last one.
         if position > before {
@@ -127,20 +127,20 @@ fn style(template: &str) -> ProgressStyle {
 }
 
 /// Progress line of successive stages.
-pub(crate) struct Stages {
-    line: Stage,
+pub(crate) struct ProgressLine {
+    line: StageProgress,
     on: Mutex<&'static str>,
 }
 
-impl Stages {
+impl ProgressLine {
     /// Starts with a stage.
     pub(crate) fn new(first: &'static str) -> Self {
-        Self { line: Stage::new(first), on: Mutex::new(first) }
+        Self { line: StageProgress::new(first), on: Mutex::new(first) }
     }
 
     /// Reports that a fraction (0..=1) of a stage is complete. The first report of a stage ends the
     /// previous stage.
-    pub(crate) fn at(&self, stage: &'static str, fraction: f64) {
+    pub(crate) fn report(&self, stage: &'static str, fraction: f64) {
         let Ok(mut on) = self.on.lock() else { return };
         if *on != stage {
             // The start of the next stage reports the end of this one.
@@ -151,7 +151,7 @@ impl Stages {
             self.line.go_on(stage);
         }
         if fraction < 1.0 {
-            self.line.at(fraction);
+            self.line.report(fraction);
         }
     }
 
@@ -167,21 +167,21 @@ mod tests {
 
     #[test]
     fn bar_never_decreases_and_is_never_full() {
-        let stage = Stage::new("drawing");
+        let stage = StageProgress::new("drawing");
         for (fraction, position) in [(0.0, 0), (0.5, 500), (0.25, 500), (1.0, 990), (f64::NAN, 990)] {
-            stage.at(fraction);
+            stage.report(fraction);
             assert_eq!(stage.bar.position(), position);
         }
     }
 
     #[test]
     fn a_new_stage_replaces_the_previous_one() {
-        let stages = Stages::new("reading");
-        stages.at("reading", 0.7);
-        stages.at("drawing", 0.0);
+        let stages = ProgressLine::new("reading");
+        stages.report("reading", 0.7);
+        stages.report("drawing", 0.0);
         assert_eq!((stages.line.bar.message(), stages.line.bar.position()), ("drawing".to_owned(), 0));
-        stages.at("reading", 1.0);
-        stages.at("drawing", 0.2);
+        stages.report("reading", 1.0);
+        stages.report("drawing", 0.2);
         assert_eq!((stages.line.bar.message(), stages.line.bar.position()), ("drawing".to_owned(), 200));
     }
 }

@@ -18,18 +18,18 @@ use serde_json::json;
 
 use crate::input;
 use crate::outcome::Outcome;
-use crate::progress::Stage;
+use crate::progress::StageProgress;
 use crate::space::SpaceName;
 use crate::suggestion::{self, plain};
 use crate::surface::SurfaceOptions;
 
 /// Options of `gonio render`.
 #[derive(clap::Args)]
-pub(crate) struct Options {
+pub(crate) struct RenderOptions {
     /// BRDF: of a result folder, a MERL table or an RGB file of the RGL database
     #[arg(long, value_name = "FILE.npz|FILE.binary|FILE.bsdf")]
     brdf: PathBuf,
-    /// Show the uncertainty of the material by N draws from its posterior (5 to 500)
+    /// Render N materials drawn from the posterior, to show the uncertainty (5 to 500)
     ///
     /// --brdf is a result folder, or the file brdf.npz in it. An .exr contains the median of the
     /// renderings, and as layers `low` and `high` the ends of the 90 % interval of each pixel. A
@@ -79,7 +79,7 @@ pub(crate) struct Options {
     tolerance: Option<f64>,
 }
 
-pub(crate) fn run(options: &Options) -> Result<Outcome> {
+pub(crate) fn run(options: &RenderOptions) -> Result<Outcome> {
     let extension = options.output.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
     let png = match extension.as_deref() {
         Some("png") => true,
@@ -93,7 +93,7 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
         bail!("--camera requires --mesh; spheres are rendered orthographically");
     }
     let size = (options.size as usize, options.height.unwrap_or(options.size) as usize);
-    let pictures = options.draws.map_or(1, |count| if png { SHOWN.len() } else { count as usize });
+    let pictures = options.draws.map_or(1, |count| if png { STRIP_QUANTILES.len() } else { count as usize });
     let gigabytes = (pictures * size.0 * size.1 * size_of::<Vec3>()) as f64 / 1e9;
     if gigabytes > MAX_GIGABYTES {
         bail!(
@@ -106,7 +106,7 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
         Some(count) => {
             let drawn = options.drawn(count as usize)?;
             let shown = if png {
-                SHOWN.map(|share| (share * (drawn.len() - 1) as f64).round() as usize).to_vec()
+                STRIP_QUANTILES.map(|share| (share * (drawn.len() - 1) as f64).round() as usize).to_vec()
             } else {
                 (0..drawn.len()).collect()
             };
@@ -122,10 +122,10 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
         Some(shape) => shape.surface(size, &mut warnings).map_err(plain)?,
         None => None,
     };
-    let stage = Stage::new("rendering");
+    let stage = StageProgress::new("rendering");
     let brdfs: Vec<&dyn Brdf> = materials.iter().map(AsRef::as_ref).collect();
     let render = |(at, brdfs): (usize, &[&dyn Brdf])| {
-        let progress = |x| stage.at((at as f64 + x) / materials.len().div_ceil(TOGETHER) as f64);
+        let progress = |x| stage.report((at as f64 + x) / materials.len().div_ceil(DRAWS_PER_PASS) as f64);
         match &placed {
             Some(placed) => {
                 let settings = SurfaceSettings { samples, accuracy, shadows: !options.no_shadows };
@@ -137,7 +137,7 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
             }
         }
     };
-    let pictures: Vec<Picture> = brdfs.chunks(TOGETHER).enumerate().flat_map(render).collect();
+    let pictures: Vec<Picture> = brdfs.chunks(DRAWS_PER_PASS).enumerate().flat_map(render).collect();
     stage.finish();
     let bytes = match (png, options.draws) {
         (true, _) => gonio_io::picture::encode_png(&strip(&pictures)),
@@ -158,15 +158,15 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
 }
 
 /// Shares of the ranks of the draws that a strip shows.
-const SHOWN: [f64; 5] = [0.05, 0.25, 0.5, 0.75, 0.95];
+const STRIP_QUANTILES: [f64; 5] = [0.05, 0.25, 0.5, 0.75, 0.95];
 
 /// Number of draws that are rendered together. Their tables fit into the cache.
-const TOGETHER: usize = 20;
+const DRAWS_PER_PASS: usize = 20;
 
 /// Largest memory of all renderings, in gigabytes.
 const MAX_GIGABYTES: f64 = 4.0;
 
-impl Options {
+impl RenderOptions {
     /// Draws from the posterior in the folder of --brdf, from dull to glossy.
     fn drawn(&self, count: usize) -> Result<Vec<[BivariateTable; 3]>> {
         let folder = match self.brdf.parent() {

@@ -2,7 +2,7 @@
 
 use gonio::scene::{Circle, Correction};
 use gonio::suggestion::Suggestion;
-use gonio_app::{Problem, Warning};
+use gonio_app::{AppError, Warning};
 
 /// Words a suggestion as an option.
 pub(crate) fn words(suggestion: &Suggestion) -> Option<String> {
@@ -79,7 +79,7 @@ pub(crate) fn worded(warnings: &[Warning]) -> Vec<String> {
 }
 
 /// Words a problem for the user of the program.
-pub(crate) fn plain(problem: Problem) -> anyhow::Error {
+pub(crate) fn plain(problem: AppError) -> anyhow::Error {
     anyhow::Error::msg(problem.worded(&words))
 }
 

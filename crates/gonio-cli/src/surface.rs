@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use gonio_app::{Form, Shape, Source};
+use gonio_app::{Shape, ShapeKind, Source};
 
 /// Options for the mesh, its pose and the camera.
 #[derive(clap::Args)]
@@ -29,6 +29,6 @@ impl SurfaceOptions {
     pub(crate) fn mesh(&self) -> Option<Shape> {
         let file = |path: &Option<PathBuf>| path.clone().map(Source::File);
         let mesh = self.mesh.clone()?;
-        Some(Shape { form: Form::Mesh(Source::File(mesh)), camera: file(&self.camera), pose: file(&self.pose) })
+        Some(Shape { kind: ShapeKind::Mesh(Source::File(mesh)), camera: file(&self.camera), pose: file(&self.pose) })
     }
 }

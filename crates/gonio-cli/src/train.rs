@@ -18,26 +18,26 @@ use gonio_io::model::{
 use serde_json::{Value, json};
 
 use crate::outcome::Outcome;
-use crate::progress::{Stages, is_verbose};
+use crate::progress::{ProgressLine, is_verbose};
 
 /// Part of a model to train.
 #[derive(clap::Subcommand)]
 pub(crate) enum Command {
     /// Train the prior of light on a folder of lat-long HDR maps
-    Lighting(Lighting),
+    Lighting(TrainLightingOptions),
     /// Train the basis and prior of reflectance on a folder of measured BRDFs
-    Reflectance(Reflectance),
+    Reflectance(TrainReflectanceOptions),
     /// Train the posterior of materials for gonio infer --method learnt
-    Posterior(Posterior),
+    Posterior(TrainPosteriorOptions),
     /// Retrain the colour model on RGB lights and materials
-    Colours(Recolour),
+    Colours(TrainColoursOptions),
     /// Join the trained parts into a model for gonio infer --model
-    Model(Join),
+    Model(TrainModelOptions),
 }
 
 /// Options of `gonio train lighting`.
 #[derive(clap::Args)]
-pub(crate) struct Lighting {
+pub(crate) struct TrainLightingOptions {
     /// Folder of lat-long light maps (.hdr, .exr, .pfm)
     dir: PathBuf,
     /// File to write
@@ -73,7 +73,7 @@ pub(crate) enum MapName {
 
 /// Options of `gonio train reflectance`.
 #[derive(clap::Args)]
-pub(crate) struct Reflectance {
+pub(crate) struct TrainReflectanceOptions {
     /// Folder of measured BRDFs
     ///
     /// The folder contains .binary (MERL) and _rgb.bsdf (RGL) files, or bivariate_rgb_f32.npy and
@@ -119,7 +119,7 @@ impl Channel {
 
 /// Options of `gonio train posterior`.
 #[derive(clap::Args)]
-pub(crate) struct Posterior {
+pub(crate) struct TrainPosteriorOptions {
     /// Folder of lat-long light maps (.hdr, .exr, .pfm)
     #[arg(long, value_name = "DIR")]
     lights: PathBuf,
@@ -160,7 +160,7 @@ pub(crate) struct Posterior {
 
 /// Options of `gonio train colours`.
 #[derive(clap::Args)]
-pub(crate) struct Recolour {
+pub(crate) struct TrainColoursOptions {
     /// Model to retrain [default: the embedded model]
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
@@ -177,7 +177,7 @@ pub(crate) struct Recolour {
 
 /// Options of `gonio train model`.
 #[derive(clap::Args)]
-pub(crate) struct Join {
+pub(crate) struct TrainModelOptions {
     /// Output of gonio train lighting
     #[arg(long)]
     lighting: PathBuf,
@@ -210,8 +210,8 @@ fn written(output: &Path, provenance: &str) -> Outcome {
 
 /// Trains with a progress line; errors in settings name the options.
 fn learn<T>(job: impl FnOnce(training::Progress<'_>) -> Result<T, TrainingError>) -> Result<T> {
-    let line = Stages::new("reading");
-    let learnt = job(&|name, fraction| line.at(name, fraction));
+    let line = ProgressLine::new("reading");
+    let learnt = job(&|name, fraction| line.report(name, fraction));
     line.finish();
     learnt.map_err(|error| match error {
         TrainingError::Setting(problem) => anyhow::anyhow!("--{problem}"),
@@ -219,20 +219,20 @@ fn learn<T>(job: impl FnOnce(training::Progress<'_>) -> Result<T, TrainingError>
     })
 }
 
-fn lighting(options: &Lighting) -> Result<Outcome> {
+fn lighting(options: &TrainLightingOptions) -> Result<Outcome> {
     let map = match options.map {
         MapName::EqualArea => OctahedralMap::EqualArea,
         MapName::PraunHoppe => OctahedralMap::PraunHoppe,
     };
-    let Lighting { grid, turns, cap, seed, .. } = *options;
-    let settings = LightingSettings { grid, map, turns: turns as usize, cap, seed };
+    let TrainLightingOptions { grid, turns, cap, seed, .. } = *options;
+    let settings = LightingSettings { grid, map, rotations: turns as usize, max_radiance: cap, seed };
     let lights = Lights::Folder(options.dir.clone());
     let (prior, provenance) = learn(|progress| training::lighting(&lights, &settings, progress))?;
     write_file(&options.output, &encode_lighting(&prior, &provenance))?;
     Ok(written(&options.output, &provenance))
 }
 
-fn reflectance(options: &Reflectance) -> Result<Outcome> {
+fn reflectance(options: &TrainReflectanceOptions) -> Result<Outcome> {
     let settings = ReflectanceSettings {
         rank: options.rank,
         channel: options.channel.of(),
@@ -256,7 +256,7 @@ fn reflectance(options: &Reflectance) -> Result<Outcome> {
     Ok(outcome)
 }
 
-fn posterior(options: &Posterior) -> Result<Outcome> {
+fn posterior(options: &TrainPosteriorOptions) -> Result<Outcome> {
     let settings = PosteriorSettings {
         channel: options.channel.of(),
         views: options.views,
@@ -300,7 +300,7 @@ fn posterior(options: &Posterior) -> Result<Outcome> {
     Ok(outcome)
 }
 
-fn recolour(options: &Recolour) -> Result<Outcome> {
+fn recolour(options: &TrainColoursOptions) -> Result<Outcome> {
     let mut model = match &options.model {
         Some(path) => read_model(path)?,
         None => embedded()?,
@@ -314,7 +314,7 @@ fn recolour(options: &Recolour) -> Result<Outcome> {
     Ok(written(&options.output, &model.provenance))
 }
 
-fn join(options: &Join) -> Result<Outcome> {
+fn join(options: &TrainModelOptions) -> Result<Outcome> {
     let light = read_lighting(&options.lighting)?;
     let reflectance = read_reflectance(&options.reflectance)?;
     let posterior = options.posterior.as_ref().map(read_posterior).transpose()?;

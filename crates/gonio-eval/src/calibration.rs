@@ -14,7 +14,7 @@ use anyhow::Result;
 use gonio::colour::{Chroma, ChromaField, ChromaInterval, ColourEstimate};
 use gonio::estimate::{Colouring, EstimateSettings, Light, Material, expected_misfit};
 use gonio::gloss::GgxWidths;
-use gonio::inference::learnt::peak_over_base;
+use gonio::inference::learnt::peak_to_body;
 use gonio::reflectance::{BivariateTable, THETA_D, brdf_scale, theta_d_of, theta_h_of, trusted_cells};
 
 use crate::colour::{ColourEstimator, Subject, photographs, subjects};
@@ -117,7 +117,7 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
                     misfit: found.misfit,
                     expected: expected_misfit(&material),
                     fineness: material.fineness,
-                    gloss: material.gloss[1],
+                    gloss: material.peak_to_body[1],
                     name: format!("{} in {light}", subject.name),
                 });
             }
@@ -185,7 +185,7 @@ fn group_of(subject: &Subject) -> usize {
 impl Numbers {
     fn of(subject: &Subject, lit: bool, material: &Material, colouring: &Colouring) -> Self {
         let truth = BivariateTable::luminance(&subject.rgb);
-        let gloss = peak_over_base(&truth);
+        let gloss = peak_to_body(&truth);
         let alpha = GgxWidths::new().alpha_of(&truth).unwrap_or(1.0);
         let field = ChromaField::of_tables(&subject.rgb);
         let chroma = |part: fn(&ColourEstimate) -> &ChromaInterval, want: Chroma| match colouring {
@@ -199,7 +199,7 @@ impl Numbers {
         Self {
             group: group_of(subject),
             lit,
-            gloss: within(material.gloss, gloss),
+            gloss: within(material.peak_to_body, gloss),
             alpha: within(material.highlight.alpha, alpha),
             body: chroma(|found| &found.body, field.body(&truth)),
             highlight: chroma(|found| &found.highlight, field.highlight(&truth)),

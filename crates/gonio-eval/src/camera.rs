@@ -15,7 +15,7 @@ use gonio::appearance::DiskImage;
 use gonio::inference::learnt::LearntPosterior;
 use gonio::reflectance::BivariateTable;
 use gonio::render::Relighter;
-use gonio::simulation::{Camera, LightKind, SceneRenderer, generator};
+use gonio::simulation::{LightKind, PhotographEffects, SceneRenderer, generator};
 use gonio_io::cache::Cache;
 use rayon::prelude::*;
 
@@ -42,21 +42,21 @@ pub(crate) struct Options {
 }
 
 /// The effects, one at a time, on an otherwise clean photograph of a ball of 128 pixels.
-const EFFECTS: [(&str, Camera); 14] = [
-    ("none", Camera::CLEAN),
-    ("speckle 10 %", Camera { speckle: 0.10, ..Camera::CLEAN }),
-    ("speckle 25 %", Camera { speckle: 0.25, ..Camera::CLEAN }),
-    ("stains 15 %", Camera { stains: 0.15, ..Camera::CLEAN }),
-    ("blur of one cell", Camera { blur: 1.0, ..Camera::CLEAN }),
-    ("glare 3 %", Camera { glare: 0.03, ..Camera::CLEAN }),
-    ("8 bits", Camera { levels: 256.0, ..Camera::CLEAN }),
-    ("clipping 1 %", Camera { clipped: 0.01, ..Camera::CLEAN }),
-    ("rough normals 0.03", Camera { rough_normals: 0.03, ..Camera::CLEAN }),
-    ("wrong normals 0.02", Camera { wrong_normals: 0.02, ..Camera::CLEAN }),
-    ("outline 1 %", Camera { outline: 0.01, ..Camera::CLEAN }),
-    ("missing 20 %", Camera { missing: 0.20, ..Camera::CLEAN }),
-    ("shadow 0.4", Camera { shadow: 0.4, ..Camera::CLEAN }),
-    ("foreign 5 %", Camera { foreign: 0.05, ..Camera::CLEAN }),
+const EFFECTS: [(&str, PhotographEffects); 14] = [
+    ("none", PhotographEffects::CLEAN),
+    ("speckle 10 %", PhotographEffects { speckle: 0.10, ..PhotographEffects::CLEAN }),
+    ("speckle 25 %", PhotographEffects { speckle: 0.25, ..PhotographEffects::CLEAN }),
+    ("stains 15 %", PhotographEffects { stains: 0.15, ..PhotographEffects::CLEAN }),
+    ("blur of one cell", PhotographEffects { blur: 1.0, ..PhotographEffects::CLEAN }),
+    ("glare 3 %", PhotographEffects { glare: 0.03, ..PhotographEffects::CLEAN }),
+    ("8 bits", PhotographEffects { levels: 256.0, ..PhotographEffects::CLEAN }),
+    ("clipping 1 %", PhotographEffects { clipped: 0.01, ..PhotographEffects::CLEAN }),
+    ("rough normals 0.03", PhotographEffects { rough_normals: 0.03, ..PhotographEffects::CLEAN }),
+    ("wrong normals 0.02", PhotographEffects { wrong_normals: 0.02, ..PhotographEffects::CLEAN }),
+    ("outline 1 %", PhotographEffects { outline: 0.01, ..PhotographEffects::CLEAN }),
+    ("missing 20 %", PhotographEffects { missing: 0.20, ..PhotographEffects::CLEAN }),
+    ("shadow 0.4", PhotographEffects { shadow: 0.4, ..PhotographEffects::CLEAN }),
+    ("foreign 5 %", PhotographEffects { other_material: 0.05, ..PhotographEffects::CLEAN }),
 ];
 
 /// Errors of one estimate.
@@ -196,7 +196,7 @@ mod tests {
         let names: BTreeSet<&str> = EFFECTS.iter().map(|(name, _)| *name).collect();
         assert_eq!(names.len(), EFFECTS.len());
         for (name, camera) in &EFFECTS {
-            assert_eq!(*name == "none", *camera == Camera::CLEAN, "{name}");
+            assert_eq!(*name == "none", *camera == PhotographEffects::CLEAN, "{name}");
         }
     }
 

@@ -12,7 +12,7 @@ use std::time::Instant;
 use anyhow::{Context, Result, bail};
 use glam::DQuat;
 use gonio::appearance::Lattice;
-use gonio::inference::learnt::peak_over_base;
+use gonio::inference::learnt::peak_to_body;
 use gonio::inference::light::{LightProblem, NonNegativeSettings, cut_off_at_zero};
 use gonio::lighting::{LightGrid, LightPrior};
 use gonio::picture::luminance;
@@ -136,7 +136,7 @@ fn training(all: &Materials) -> Vec<(String, BivariateTable)> {
             (all.names[at].clone(), table)
         })
         .collect();
-    materials.sort_by(|a, b| peak_over_base(&a.1).total_cmp(&peak_over_base(&b.1)));
+    materials.sort_by(|a, b| peak_to_body(&a.1).total_cmp(&peak_to_body(&b.1)));
     materials
 }
 

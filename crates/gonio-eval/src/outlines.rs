@@ -61,7 +61,7 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
         match found {
             Ok((found, sureness)) => {
                 let error = error(&found, &circle);
-                let expected = sureness.map_or(f64::NAN, |sureness| sureness.error);
+                let expected = sureness.map_or(f64::NAN, |sureness| sureness.standard_error);
                 println!("| {number}: {description} | {true_circle} | {error:.2} | {expected:.2} |");
                 errors.push(error);
                 ratios.extend(expected.is_finite().then(|| error / expected));
@@ -161,7 +161,7 @@ fn simulate(number: u64, lights: &Lights, materials: &Materials) -> Result<Simul
     let map = lights.map(light)?.reduced(MAP_ROWS);
     let turn = DQuat::from_rotation_y(rng.random_range(0.0..TAU));
     let mut tree = LightTree::of_map(&map);
-    tree.turn_to(turn);
+    tree.set_rotation(turn);
     let settings = SphereSettings { size: BALL_SIDE, ..SphereSettings::default() };
     let ball = render_sphere(materials.rgb(material), &tree, &settings, &|_| ());
 

@@ -12,7 +12,7 @@ use gonio::inference::learnt::LearntPosterior;
 use gonio::reflectance::{BivariateTable, Dictionary, DictionarySettings, LogBasis};
 use gonio::scene::{ObservationSettings, sphere_points};
 use gonio::shape::SurfacePoint;
-use gonio::simulation::{ColourStock, Stock, StockSettings};
+use gonio::simulation::{ColourStock, ScenePool, ScenePoolSettings};
 use gonio_io::cache::Cache;
 use gonio_io::model::{decode_posterior, encode_posterior};
 use gonio_train::{Monitor, TrainingSettings};
@@ -36,7 +36,7 @@ pub(crate) struct Learning {
     /// The dictionary of materials.
     pub(crate) dictionary: DictionarySettings,
     /// The stock of their photographs.
-    pub(crate) stock: StockSettings,
+    pub(crate) stock: ScenePoolSettings,
     /// The training of the encoder.
     pub(crate) training: TrainingSettings,
 }
@@ -45,10 +45,10 @@ pub(crate) struct Learning {
 #[derive(clap::Args)]
 pub(crate) struct Effort {
     /// Views of the training lights in each group of scenes that the posterior is learnt from
-    #[arg(long, default_value_t = StockSettings::default().views, value_parser = some())]
+    #[arg(long, default_value_t = ScenePoolSettings::default().views, value_parser = some())]
     views: usize,
     /// Materials in each group of scenes
-    #[arg(long, default_value_t = StockSettings::default().draws, value_parser = some())]
+    #[arg(long, default_value_t = ScenePoolSettings::default().draws, value_parser = some())]
     draws: usize,
     /// Steps of the training
     #[arg(long, default_value_t = TrainingSettings::default().steps, value_parser = some())]
@@ -80,11 +80,11 @@ impl Effort {
                 dimensions: self.dimensions,
                 ..DictionarySettings::default()
             },
-            stock: StockSettings {
-                groups: StockSettings::groups_for(self.steps),
+            stock: ScenePoolSettings {
+                groups: ScenePoolSettings::groups_for(self.steps),
                 views: self.views,
                 draws: self.draws,
-                ..StockSettings::default()
+                ..ScenePoolSettings::default()
             },
             training: TrainingSettings {
                 steps: self.steps,
@@ -127,7 +127,7 @@ fn train(
 ) -> Result<LearntPosterior> {
     let dictionary = Dictionary::new(LogBasis::fit(materials, LogBasis::RANK), &learning.dictionary);
     let maps = names.iter().map(|name| lights.map(name.as_ref())).collect::<Result<_>>()?;
-    let mut stock = Stock::new(dictionary, maps, learning.stock);
+    let mut stock = ScenePool::new(dictionary, maps, learning.stock);
     let progress = Progress::new("steps", learning.training.steps);
     let step = |_: f64, _: f64| progress.step();
     let (learnt, _) = gonio_train::learn(&mut stock, None, &learning.training, None, &Monitor::new(&step))?;

@@ -8,8 +8,8 @@ use std::path::Path;
 
 use anyhow::Result;
 use gonio::reflectance::{
-    BivariateTable, Coordinates, Dictionary, DictionarySettings, Kind, LogBasis, Prior, THETA_D, THETA_H, theta_d_of,
-    theta_h_of,
+    BivariateTable, Dictionary, DictionarySettings, LatentSpace, LogBasis, MaterialKind, Prior, THETA_D, THETA_H,
+    theta_d_of, theta_h_of,
 };
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
@@ -24,7 +24,7 @@ const MAX_DIFFERENCE_ANGLE: f64 = 60.0;
 
 /// Smallest compared value, relative to the largest of a table: reconstructed values below it are
 /// accurate only to a factor of 1.5 to 2.
-const FLOOR: f64 = 1e-5;
+const VALUE_FLOOR: f64 = 1e-5;
 
 /// Number of draws in a tested interval: those that resemble a material best.
 const NEIGHBOURS: usize = 150;
@@ -75,7 +75,8 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
     groups.push(("formulas", crate::outside::formulas().iter().map(|(_, f)| f.to_bivariate()).collect()));
     let mut prior = Prior { fields: options.fields, ..Prior::default() };
     if options.without_paints {
-        let kinds: Vec<Kind> = Kind::ALL.into_iter().filter(|k| !matches!(k, Kind::Flakes | Kind::Dark)).collect();
+        let kinds: Vec<MaterialKind> =
+            MaterialKind::ALL.into_iter().filter(|k| !matches!(k, MaterialKind::Flakes | MaterialKind::Dark)).collect();
         prior.shares = Prior::of(&kinds).shares;
     }
     let settings = DictionarySettings { dimensions: options.dimensions, prior, ..DictionarySettings::default() };
@@ -92,7 +93,7 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
     println!("|---|---|---|---|---|---|");
     for (name, tables) in groups {
         let judged: Vec<Judged> =
-            tables.par_iter().map(|table| judge(&cells, &dictionary.coordinates, &draws, table)).collect();
+            tables.par_iter().map(|table| judge(&cells, &dictionary.latent_space, &draws, table)).collect();
         let of = |f: &dyn Fn(&Judged) -> f64| median(judged.iter().map(f).collect());
         let mean = |f: &dyn Fn(&Judged) -> f64| judged.iter().map(f).sum::<f64>() / judged.len() as f64;
         let covered: Vec<String> = (0..6).map(|b| format!("{:.0}", 100.0 * mean(&|j| j.covered[b]))).collect();
@@ -145,7 +146,7 @@ impl Cells {
 
     fn logs(&self, table: &BivariateTable) -> Vec<f64> {
         let values: Vec<f64> = self.cells.iter().map(|&c| f64::from(table.as_slice()[c])).collect();
-        let floor = FLOOR * values.iter().copied().fold(0.0, f64::max);
+        let floor = VALUE_FLOOR * values.iter().copied().fold(0.0, f64::max);
         values.iter().map(|v| v.max(floor).max(1e-30).ln()).collect()
     }
 }
@@ -162,7 +163,7 @@ fn difference(a: &[f64], b: &[f64], chosen: &[usize]) -> (f64, f64) {
     (mean, (square - mean * mean).max(0.0).sqrt())
 }
 
-fn judge(cells: &Cells, coordinates: &Coordinates, draws: &[Vec<f64>], table: &BivariateTable) -> Judged {
+fn judge(cells: &Cells, coordinates: &LatentSpace, draws: &[Vec<f64>], table: &BivariateTable) -> Judged {
     let truth = cells.logs(table);
     let projected = &coordinates.tables(&[coordinates.of(table)])[0];
     let all: Vec<usize> = (0..truth.len()).collect();

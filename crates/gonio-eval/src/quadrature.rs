@@ -21,7 +21,7 @@ use crate::metrics::relight;
 /// Materials: chrome, a phenolic, a metallic paint and a fabric, and the sharpest other metal.
 const MATERIALS: [&str; 5] =
     ["chrome", "specular-black-phenolic", "blue-metallic-paint", "red-fabric", "tungsten-carbide"];
-const SIDE: usize = 32;
+const GRID_SIDE: usize = 32;
 const POINTS: usize = 24;
 
 pub(crate) fn run(folder: &Path) -> Result<()> {
@@ -40,7 +40,9 @@ pub(crate) fn run(folder: &Path) -> Result<()> {
         .collect();
     let reference: Vec<Vec<Vec<f64>>> = points
         .iter()
-        .map(|p| tables.iter().map(|t| polar_reference(p, t, OctahedralMap::EqualArea, SIDE, 2500, 2000)).collect())
+        .map(|p| {
+            tables.iter().map(|t| polar_reference(p, t, OctahedralMap::EqualArea, GRID_SIDE, 2500, 2000)).collect()
+        })
         .collect();
     let interleaved = InterleavedTables::new(&tables);
     println!(
@@ -64,12 +66,12 @@ pub(crate) fn run(folder: &Path) -> Result<()> {
         scaled(0.25, 8),
     ];
     for settings in list {
-        let quadrature = Quadrature::new(OctahedralMap::EqualArea, SIDE, settings);
+        let quadrature = Quadrature::new(OctahedralMap::EqualArea, GRID_SIDE, settings);
         let stride = interleaved.stride();
         let mut errors = vec![Vec::new(); tables.len()];
         let mut seconds = 0.0;
         for (point, reference) in points.iter().zip(&reference) {
-            let mut out = vec![0.0; SIDE * SIDE * stride];
+            let mut out = vec![0.0; GRID_SIDE * GRID_SIDE * stride];
             let start = Instant::now();
             quadrature.integrate(point, &interleaved, &mut out);
             seconds += start.elapsed().as_secs_f64();

@@ -171,7 +171,7 @@ impl Study<'_> {
             .pixels
             .iter()
             .filter_map(|&(x, y)| hit_at(surface.as_ref(), camera, x as usize, y as usize))
-            .map(|hit| hit.clear)
+            .map(|hit| hit.ray_origin)
             .collect();
         let tables: Vec<BivariateTable> = self.subjects.iter().map(|(_, table)| table.clone()).collect();
         let photographs = Relighter::of_surface(&open.points, (surface.as_ref(), &clear), &tables, light, &ACCURACY);

@@ -12,7 +12,7 @@ use gonio::sphere::OctahedralMap;
 use crate::data::Lights;
 
 /// Squares along a side of the map.
-const SIDE: usize = 16;
+const MAP_SIDE: usize = 16;
 
 /// Radiance over the mean above which the weight of a square is constant: the colour of a lamp is
 /// no more certain than that of a sky.
@@ -52,14 +52,14 @@ fn axes([[a, b], [_, d]]: [[f64; 2]; 2]) -> [([f64; 2], f64); 2] {
 pub(crate) fn run(data: &Path) -> Result<()> {
     let lights = Lights::training(data)?;
     let centre = |k: usize| {
-        let at = |i: usize| (2 * i + 1) as f64 / SIDE as f64 - 1.0;
-        OctahedralMap::EqualArea.direction(at(k % SIDE), -at(k / SIDE))
+        let at = |i: usize| (2 * i + 1) as f64 / MAP_SIDE as f64 - 1.0;
+        OctahedralMap::EqualArea.direction(at(k % MAP_SIDE), -at(k / MAP_SIDE))
     };
-    let centres: Vec<DVec3> = (0..SIDE * SIDE).map(centre).collect();
+    let centres: Vec<DVec3> = (0..MAP_SIDE * MAP_SIDE).map(centre).collect();
     let mut covariance = [[0.0; 2]; 2];
     let mut products = [(0.0, 0.0); ANGLES.len()];
     for name in lights.names() {
-        let tints = tints(&lights.map(&name)?.to_grid(OctahedralMap::EqualArea, SIDE));
+        let tints = tints(&lights.map(&name)?.to_grid(OctahedralMap::EqualArea, MAP_SIDE));
         for (weight, t) in &tints {
             (0..4).for_each(|at| covariance[at / 2][at % 2] += weight * t[at / 2] * t[at % 2]);
         }

@@ -14,7 +14,7 @@ use anyhow::{Context, Result};
 use glam::Vec3;
 use gonio::colour::{ChromaField, SavedChroma};
 use gonio::estimate::{
-    Alignment, Colouring, ColouringRule, EstimateSettings, Material, combine, estimate_together, estimate_under,
+    Alignment, Colouring, ColouringRule, EstimateSettings, Material, combine, estimate_known_light, estimate_regions,
 };
 use gonio::inference::Likelihood;
 use gonio::lighting::EnvironmentMap;
@@ -201,7 +201,7 @@ fn photographs(
         };
         let blind_ones: Vec<One> = seen.photographs.iter().map(of_blind).collect::<Result<_>>()?;
         let under = |(one, map): (&Observations, &EnvironmentMap)| -> Result<One> {
-            let found = estimate_under(model, one, (map, Alignment::Near), &rule, &|_| ())?;
+            let found = estimate_known_light(model, one, (map, Alignment::Near), &rule, &|_| ())?;
             Ok(One { material: found.material, colouring: found.colouring })
         };
         let lit_ones: Vec<One> = seen.photographs.iter().zip(maps).map(under).collect::<Result<_>>()?;
@@ -248,7 +248,7 @@ fn regions(
     for pair in all.windows(2) {
         for (at, light) in lights.iter().enumerate() {
             let seen = [&pair[0].photographs[at], &pair[1].photographs[at]];
-            let found = estimate_together(model, &seen, &settings, &|_| ()).map_err(|(_, error)| error)?;
+            let found = estimate_regions(model, &seen, &settings, &|_| ()).map_err(|(_, error)| error)?;
             let ratio = (found[0].relative_albedo / found[1].relative_albedo).ln();
             let truth = (pair[0].truth.normal_albedo() / pair[1].truth.normal_albedo()).ln();
             eprintln!(

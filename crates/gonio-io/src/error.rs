@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use gonio::suggestion::Suggestion;
 
 /// Largest displayed length of a problem in characters; third-party messages can be longer.
-const LONGEST_PROBLEM: usize = 500;
+const MAX_PROBLEM_LENGTH: usize = 500;
 
 /// Category of an error.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -127,7 +127,7 @@ impl fmt::Display for Inner {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         one_line(&self.path.to_string_lossy(), f)?;
         f.write_str(": ")?;
-        match self.problem.char_indices().nth(LONGEST_PROBLEM) {
+        match self.problem.char_indices().nth(MAX_PROBLEM_LENGTH) {
             None => one_line(&self.problem, f)?,
             Some((end, _)) => one_line(&format!("{} ...", &self.problem[..end]), f)?,
         }
@@ -160,7 +160,7 @@ mod tests {
     #[test]
     fn long_texts_are_truncated() {
         let error = Error::invalid(Path::new("x"), "é".repeat(5000), "try again");
-        assert_eq!(error.to_string(), format!("x: {} ...; try again", "é".repeat(LONGEST_PROBLEM)));
+        assert_eq!(error.to_string(), format!("x: {} ...; try again", "é".repeat(MAX_PROBLEM_LENGTH)));
     }
 
     #[test]

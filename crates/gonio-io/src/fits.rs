@@ -11,7 +11,7 @@ use crate::{Error, guard};
 
 /// Parameters of one material. `diffuse` and `specular` are the RGB weights of the two lobes.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Fit {
+pub enum ParametricFit {
     /// Cook and Torrance: Beckmann distribution, Schlick's Fresnel term, V-groove shadowing.
     CookTorrance {
         /// Albedo of the Lambertian lobe.
@@ -52,7 +52,7 @@ pub enum Fit {
 /// # Errors
 /// If the file cannot be read, a line does not parse (the message has its number), a material
 /// occurs twice, or the file has no materials.
-pub fn read_fits(path: impl AsRef<Path>) -> Result<Vec<(String, Fit)>, Error> {
+pub fn read_fits(path: impl AsRef<Path>) -> Result<Vec<(String, ParametricFit)>, Error> {
     let path = path.as_ref();
     decode(path, &guard::read_whole(path, 1 << 24)?)
 }
@@ -61,9 +61,9 @@ pub fn read_fits(path: impl AsRef<Path>) -> Result<Vec<(String, Fit)>, Error> {
 ///
 /// # Errors
 /// Like [`read_fits`].
-pub fn decode(path: &Path, bytes: &[u8]) -> Result<Vec<(String, Fit)>, Error> {
+pub fn decode(path: &Path, bytes: &[u8]) -> Result<Vec<(String, ParametricFit)>, Error> {
     let text = std::str::from_utf8(bytes).map_err(|_| Error::damaged(path, "is not UTF-8 text"))?;
-    let mut fits: Vec<(String, Fit)> = Vec::new();
+    let mut fits: Vec<(String, ParametricFit)> = Vec::new();
     for (number, line) in (1..).zip(text.lines()) {
         let line = line.trim();
         if line.is_empty() || line.starts_with('#') {
@@ -90,7 +90,7 @@ struct Parser<'a> {
 }
 
 impl<'a> Parser<'a> {
-    fn line(mut self) -> Result<(String, Fit), String> {
+    fn line(mut self) -> Result<(String, ParametricFit), String> {
         let name = self.word()?;
         self.all(&["=", "Aggregate", "(", "Lambertian", "("])?;
         let diffuse = self.colour()?;
@@ -101,12 +101,12 @@ impl<'a> Parser<'a> {
         let fit = match model.as_str() {
             "NganCookTorrance" => {
                 let f0 = self.next_field("eta")?;
-                Fit::CookTorrance { diffuse, specular, f0, roughness: self.roughness()? }
+                ParametricFit::CookTorrance { diffuse, specular, f0, roughness: self.roughness()? }
             }
-            "NganWard" => Fit::Ward { diffuse, specular, roughness: self.roughness()? },
+            "NganWard" => ParametricFit::Ward { diffuse, specular, roughness: self.roughness()? },
             "NganLafortune" => {
                 let (cxy, cz) = (self.next_field("Cxy")?, self.next_field("Cz")?);
-                Fit::Lafortune { diffuse, specular, cxy, cz, exponent: self.next_field("sharpness")? }
+                ParametricFit::Lafortune { diffuse, specular, cxy, cz, exponent: self.next_field("sharpness")? }
             }
             _ => return Err(format!("unknown model {model}")),
         };
@@ -181,7 +181,7 @@ mod tests {
 
     const HEAD: &str = "# comment\n\na-1 = Aggregate(Lambertian(albedo = [0.1, 0.0, 1e-3]), ";
 
-    fn read(tail: &str) -> Result<Vec<(String, Fit)>, Error> {
+    fn read(tail: &str) -> Result<Vec<(String, ParametricFit)>, Error> {
         decode(Path::new("x.fit"), format!("{HEAD}{tail}").as_bytes())
     }
 
@@ -191,12 +191,12 @@ mod tests {
         for (tail, fit) in [
             (
                 "NganCookTorrance(albedo = [1, 2, 3], eta = 0.117, roughness = 0.0137))",
-                Fit::CookTorrance { diffuse, specular, f0: 0.117, roughness: 0.0137 },
+                ParametricFit::CookTorrance { diffuse, specular, f0: 0.117, roughness: 0.0137 },
             ),
-            ("NganWard(albedo=[1,2,3],roughness=0.5))", Fit::Ward { diffuse, specular, roughness: 0.5 }),
+            ("NganWard(albedo=[1,2,3],roughness=0.5))", ParametricFit::Ward { diffuse, specular, roughness: 0.5 }),
             (
                 "NganLafortune(albedo = [1, 2, 3], Cxy = -0.577, Cz = 0.577, sharpness = 4060.0))\n",
-                Fit::Lafortune { diffuse, specular, cxy: -0.577, cz: 0.577, exponent: 4060.0 },
+                ParametricFit::Lafortune { diffuse, specular, cxy: -0.577, cz: 0.577, exponent: 4060.0 },
             ),
         ] {
             assert_eq!(read(tail).unwrap(), [("a-1".to_owned(), fit)]);

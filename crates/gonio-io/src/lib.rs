@@ -12,7 +12,8 @@
 //! * [`model`]: trained models and their parts (`docs/model-format.md`);
 //! * [`lights`]: lists of directional lights;
 //! * [`posterior`]: posteriors of single photographs, to be combined;
-//! * [`notes`]: JSON files of result folders; [`table`]: comma-separated tables;
+//! * [`result`]: the documents `result.json` and `export.json`; [`json`]: JSON files; [`table`]:
+//!   comma-separated tables;
 //! * [`npy`]: arrays of numpy; [`result_brdf`]: BRDFs of results, as archives of such arrays;
 //! * [`folder`]: listing of folders; [`atomic`]: output that appears complete or not at all;
 //! * [`cache`], [`plan`]: computed plans kept between runs.
@@ -35,6 +36,7 @@ pub mod fits;
 pub mod folder;
 pub mod geometry;
 mod guard;
+pub mod json;
 pub mod lights;
 mod little_endian;
 pub mod material;
@@ -42,11 +44,11 @@ pub mod merl;
 pub mod mesh;
 pub mod model;
 pub mod normals;
-pub mod notes;
 pub mod npy;
 pub mod picture;
 pub mod plan;
 pub mod posterior;
+pub mod result;
 pub mod result_brdf;
 pub mod rgl;
 pub mod table;

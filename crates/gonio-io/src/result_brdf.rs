@@ -35,12 +35,12 @@ pub struct ResultBrdf {
     /// The BRDF by channel, in 1/sr.
     pub tables: [BivariateTable; 3],
     /// The quantiles, if the method estimates them.
-    pub quantiles: Option<Quantiles>,
+    pub quantiles: Option<BrdfQuantiles>,
 }
 
 /// Quantiles of a BRDF. The cells of a quantile are ordered as in a [`BivariateTable`].
 #[derive(Clone, Debug, PartialEq)]
-pub struct Quantiles {
+pub struct BrdfQuantiles {
     /// Levels, in 0..1.
     pub levels: Vec<f32>,
     /// Quantiles of the luminance, `[level][cell]`.
@@ -69,7 +69,7 @@ pub fn encode(brdf: &ResultBrdf) -> Vec<u8> {
         ("difference_angle", angles(THETA_D, theta_d_of)),
         ("brdf", Array { shape: vec![THETA_H, THETA_D, 3], values: interleaved(tables) }),
     ];
-    if let Some(Quantiles { levels, luminance, channels }) = &brdf.quantiles {
+    if let Some(BrdfQuantiles { levels, luminance, channels }) = &brdf.quantiles {
         let count = levels.len();
         arrays.push(("levels", Array { shape: vec![count], values: levels.clone() }));
         let values = luminance.concat();
@@ -136,7 +136,7 @@ mod tests {
         let levels = |k: f64| [0.5, 2.0].map(|share| table(share * k).as_slice().to_vec()).to_vec();
         ResultBrdf {
             tables: [1.0, 2.0, 3.0].map(table),
-            quantiles: Some(Quantiles {
+            quantiles: Some(BrdfQuantiles {
                 levels: vec![0.05, 0.95],
                 luminance: levels(2.0),
                 channels: Some([1.0, 2.0, 3.0].map(levels)),

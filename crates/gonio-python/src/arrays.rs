@@ -5,9 +5,9 @@ use std::sync::Arc;
 use bytemuck::allocation::cast_vec;
 use bytemuck::{AnyBitPattern, cast_slice};
 use glam::Vec3;
-use gonio::picture::{Plane, srgb_encode};
+use gonio::picture::{Plane, srgb_decode, srgb_encode};
 use gonio::reflectance::{BivariateTable, THETA_D, THETA_H, place_of};
-use gonio_app::Problem;
+use gonio_app::AppError;
 use numpy::ndarray::{Array, Dimension};
 use numpy::{Element, IntoPyArray, PyArray, PyArray2, PyArray3, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::prelude::*;
@@ -45,7 +45,8 @@ impl Borrowed {
     fn of<D: Dimension>(array: &Bound<'_, PyArray<f32, D>>) -> PyResult<Self> {
         let start: *const f32 = array.data();
         if !array.is_c_contiguous() || !start.is_aligned() || array.is_empty() {
-            let problem = Problem::new("an array is empty, or not contiguous float32 in C order and native byte order");
+            let problem =
+                AppError::new("an array is empty, or not contiguous float32 in C order and native byte order");
             return Err(raise(&problem, array.py()));
         }
         Ok(Self { start, length: array.len(), _owner: array.clone().into_any().unbind() })
@@ -56,16 +57,16 @@ impl Borrowed {
 pub(crate) fn colours(array: &Bound<'_, PyArray3<f32>>) -> PyResult<Plane<Vec3>> {
     let &[height, width, channels] = array.shape() else { unreachable!("three axes") };
     if channels != 3 {
-        let problem = Problem::new(format!("an array has {channels} channels; its shape must be (height, width, 3)"));
+        let problem = AppError::new(format!("an array has {channels} channels; its shape must be (height, width, 3)"));
         return Err(raise(&problem, array.py()));
     }
-    Ok(Plane::lent(width, height, Arc::new(Borrowed::of(array)?)))
+    Ok(Plane::from_shared(width, height, Arc::new(Borrowed::of(array)?)))
 }
 
 /// Returns the picture in an array of shape (height, width).
 pub(crate) fn values(array: &Bound<'_, PyArray2<f32>>) -> PyResult<Plane<f32>> {
     let &[height, width] = array.shape() else { unreachable!("two axes") };
-    Ok(Plane::lent(width, height, Arc::new(Borrowed::of(array)?)))
+    Ok(Plane::from_shared(width, height, Arc::new(Borrowed::of(array)?)))
 }
 
 /// Creates an array that takes ownership of the values.
@@ -91,19 +92,33 @@ pub(crate) fn coded<'py>(py: Python<'py>, picture: &Plane<Vec3>) -> Bound<'py, P
     array(py, (height, width, 3), samples)
 }
 
+/// Converts 8-bit sRGB samples of shape (height, width, 3) to linear display values, the inverse of
+/// [`coded`].
+pub(crate) fn decoded(array: &Bound<'_, PyArray3<u8>>) -> PyResult<Plane<Vec3>> {
+    let samples = array.readonly();
+    let samples = samples.as_array();
+    let (height, width, channels) = samples.dim();
+    if channels != 3 {
+        let problem = AppError::new(format!("a picture must have 3 channels, not {channels}"));
+        return Err(raise(&problem, array.py()));
+    }
+    let value = |x: usize, y: usize, c: usize| srgb_decode(f32::from(samples[(y, x, c)]) / 255.0);
+    Ok(Plane::from_fn(width, height, |x, y| Vec3::new(value(x, y, 0), value(x, y, 1), value(x, y, 2))))
+}
+
 /// Returns the tables of the three channels of an array of shape (90, 90, 3).
 pub(crate) fn tables(array: &Bound<'_, PyArray3<f32>>) -> PyResult<[BivariateTable; 3]> {
     let plane = colours(array)?;
     if plane.size() != (THETA_D, THETA_H) {
         let (width, height) = plane.size();
         let problem =
-            Problem::new(format!("a BRDF must have the shape ({THETA_H}, {THETA_D}, 3), not ({height}, {width}, 3)"));
+            AppError::new(format!("a BRDF must have the shape ({THETA_H}, {THETA_D}, 3), not ({height}, {width}, 3)"));
         return Err(raise(&problem, array.py()));
     }
     let cells = plane.as_slice();
     if let Some(wrong) = cells.iter().position(|c| !c.is_finite() || c.min_element() < 0.0) {
         let (i, j) = place_of(wrong);
-        let problem = Problem::new(format!("the BRDF is negative or not finite at [{i}, {j}]"));
+        let problem = AppError::new(format!("the BRDF is negative or not finite at [{i}, {j}]"));
         return Err(raise(&problem, array.py()));
     }
     Ok([0, 1, 2].map(|c| BivariateTable::from_vec(cells.iter().map(|v| v[c]).collect())))

@@ -5,7 +5,7 @@ use std::sync::Mutex;
 
 use gonio::scene::Circle;
 use gonio::suggestion::Suggestion;
-use gonio_app::{Problem, Warning};
+use gonio_app::{AppError, Warning};
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
@@ -69,7 +69,7 @@ pub(crate) fn worded(warnings: &[Warning]) -> Vec<String> {
 }
 
 /// Creates the exception for an error; exceptions for files are also `OSError`s.
-pub(crate) fn raise(problem: &Problem, py: Python<'_>) -> PyErr {
+pub(crate) fn raise(problem: &AppError, py: Python<'_>) -> PyErr {
     static INPUT: PyOnceLock<Py<PyType>> = PyOnceLock::new();
     static FILE: PyOnceLock<Py<PyType>> = PyOnceLock::new();
     static MISSING: PyOnceLock<Py<PyType>> = PyOnceLock::new();

@@ -3,10 +3,11 @@
 use std::path::PathBuf;
 
 use gonio::lighting::EnvironmentMap;
-use gonio_app::Problem;
+use gonio_app::AppError;
 use gonio_app::export::{Export, Target};
 use gonio_app::folder::for_exports;
 use gonio_io::colour_space::ColourSpace;
+use gonio_io::result;
 use numpy::{PyArray3, PyArray4};
 use pyo3::prelude::*;
 
@@ -40,35 +41,35 @@ pub(crate) fn export(
     input: String,
     listeners: Listeners,
 ) -> PyResult<String> {
-    let wanted = |to: Vec<String>| -> Result<Vec<Target>, Problem> {
+    let wanted = |to: Vec<String>| -> Result<Vec<Target>, AppError> {
         let all = || Target::ALL.map(|target| target.names().0).join(", ");
         let target = |name: &String| {
-            Target::named(name).ok_or_else(|| Problem::new(format!("to {name:?}: must be among {}", all())))
+            Target::named(name).ok_or_else(|| AppError::new(format!("to {name:?}: must be among {}", all())))
         };
         to.iter().map(target).collect()
     };
     let targets = to.map_or_else(|| Ok(Target::ALL.to_vec()), wanted).map_err(|problem| raise(&problem, py))?;
     if let Some(albedo) = albedo.filter(|a| !(*a > 0.0 && *a <= 1.0)) {
-        return Err(raise(&Problem::new(format!("albedo {albedo}: must be above 0 and at most 1")), py));
+        return Err(raise(&AppError::new(format!("albedo {albedo}: must be above 0 and at most 1")), py));
     }
-    let whole = full.map(merl_table).transpose()?;
+    let full_table = full.map(merl_table).transpose()?;
     let light = light.map(arrays::colours).transpose()?.map(EnvironmentMap::new).transpose();
-    let light = light.map_err(|error| raise(&Problem::of("the light", error), py))?;
+    let light = light.map_err(|error| raise(&AppError::of("the light", error), py))?;
     // The package has checked the name.
     let space = ColourSpace::named(&colorspace).unwrap_or_default();
     let tables_of = arrays::tables(table)?;
-    let export = Export { name, tables: tables_of, whole, light, space, albedo, absolute, with_tables: tables };
+    let export = Export { name, tables: tables_of, full_table, light, space, albedo, absolute, with_tables: tables };
     work::run(py, listeners, move |reporter| {
         let folder = for_exports(&folder)?;
         let written = export.write(&folder, &targets, &input, &|x| reporter.at("fitting models", x))?;
         let Some(summary) = written else {
-            return Err(Problem::of(
+            return Err(AppError::of(
                 input,
                 "the BRDF is zero at normal incidence; it \
             cannot be exported",
             ));
         };
         folder.commit()?;
-        Ok(summary.to_string())
+        Ok(result::encode(&summary))
     })
 }

@@ -5,14 +5,15 @@ use std::path::{Path, PathBuf};
 
 use gonio::picture::Picture;
 use gonio::reflectance::{BivariateTable, CELLS, MerlTable, PHI_D, THETA_D, THETA_H};
-use gonio_app::Problem;
+use gonio_app::AppError;
 use gonio_app::folder::for_results;
 use gonio_app::photograph::read_picture;
 use gonio_app::results::{Files, PICTURES, levels};
 use gonio_io::atomic::write_file as write_whole;
 use gonio_io::colour_space::ColourSpace;
 use gonio_io::picture::{ExrOptions, ReadOptions, encode_exr_with, encode_hdr, encode_pfm, encode_png_srgb8};
-use gonio_io::result_brdf::Quantiles;
+use gonio_io::result::ResultDocument;
+use gonio_io::result_brdf::BrdfQuantiles;
 use gonio_io::rgl::{self, Channels};
 use numpy::ndarray::Axis;
 use numpy::{PyArray2, PyArray3, PyArray4, PyArrayMethods, PyUntypedArrayMethods};
@@ -114,10 +115,10 @@ pub(crate) fn write_image(
                 let space = named(colorspace.as_deref());
                 encode_exr_with(&rgb, &ExrOptions { alpha: alpha.as_ref(), clip_level: clip, space })
             }
-            Some("exr") => return Err(Problem::new("colours and coverage must have the same size")),
+            Some("exr") => return Err(AppError::new("colours and coverage must have the same size")),
             Some("hdr") => encode_hdr(&rgb),
             Some("pfm") => encode_pfm(&rgb),
-            _ => return Err(Problem::of(path.display(), "the output must be an .exr, .hdr or .pfm file")),
+            _ => return Err(AppError::of(path.display(), "the output must be an .exr, .hdr or .pfm file")),
         };
         Ok(write_whole(&path, &bytes)?)
     })
@@ -128,7 +129,7 @@ pub(crate) fn write_image(
 fn png(samples: &Bound<'_, PyArray3<u8>>) -> PyResult<Vec<u8>> {
     let &[height, width, channels] = samples.shape() else { unreachable!("three axes") };
     if channels != 3 || samples.is_empty() {
-        return Err(raise(&Problem::new("an image must have the shape (height, width, 3)"), samples.py()));
+        return Err(raise(&AppError::new("an image must have the shape (height, width, 3)"), samples.py()));
     }
     let values: Vec<u8> = samples.readonly().as_array().iter().copied().collect();
     Ok(samples.py().detach(|| encode_png_srgb8(width, height, &values)))
@@ -165,7 +166,7 @@ pub(crate) fn write_brdf(
 ) -> PyResult<()> {
     let (tables, full) = (arrays::tables(table)?, full.map(merl_table).transpose()?);
     py.detach(|| Ok(write_whole(&path, &encode_brdf(&path, &tables, full.as_ref(), name)?)?))
-        .map_err(|problem: Problem| raise(&problem, py))
+        .map_err(|problem: AppError| raise(&problem, py))
 }
 
 fn encode_brdf(
@@ -173,7 +174,7 @@ fn encode_brdf(
     tables: &[BivariateTable; 3],
     full: Option<&MerlTable>,
     name: &str,
-) -> Result<Vec<u8>, Problem> {
+) -> Result<Vec<u8>, AppError> {
     let file = path.file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
     Ok(if file.ends_with(".binary") {
         full.map_or_else(
@@ -185,7 +186,7 @@ fn encode_brdf(
     } else if file.ends_with(".bsdf") {
         rgl::encode(tables, name, Channels::Rgb)
     } else {
-        return Err(Problem::of(path.display(), "the output must be a .binary or .bsdf file"));
+        return Err(AppError::of(path.display(), "the output must be a .binary or .bsdf file"));
     })
 }
 
@@ -212,7 +213,7 @@ pub(crate) fn save(py: Python<'_>, folder: PathBuf, result: SavedResult<'_>) -> 
     let held = PICTURES.into_iter().filter_map(|name| pictures.get(name).map(|samples| (name, samples)));
     let files = Files {
         tables: arrays::tables(&table)?,
-        quantiles: quantiles.map(|quantiles| Quantiles {
+        quantiles: quantiles.map(|quantiles| BrdfQuantiles {
             levels: levels(),
             luminance: rows(quantiles.readonly().as_array().iter().copied()),
             channels: rgb_quantiles.map(|quantiles| {
@@ -226,7 +227,7 @@ pub(crate) fn save(py: Python<'_>, folder: PathBuf, result: SavedResult<'_>) -> 
         pictures: held.map(|(name, samples)| Ok((name, png(samples)?))).collect::<PyResult<_>>()?,
         page,
         space: space_of(&notes),
-        notes,
+        document: notes,
     };
     let write = || for_results(&folder)?.fill(&files.encode());
     py.detach(write).map_err(|e| raise(&e.into(), py))
@@ -239,8 +240,8 @@ fn rows(values: impl Iterator<Item = f32>) -> Vec<Vec<f32>> {
 
 /// Returns the output colour space stated in the notes of a result.
 fn space_of(notes: &str) -> ColourSpace {
-    let notes = serde_json::from_str::<serde_json::Value>(notes).unwrap_or_default();
-    named(notes["colorspace"]["output"].as_str()).unwrap_or_default()
+    let document = serde_json::from_str::<ResultDocument>(notes).unwrap_or_default();
+    named(Some(&document.colorspace.output)).unwrap_or_default()
 }
 
 /// Writes a file, completely or not at all.

@@ -11,10 +11,11 @@ use gonio::reflectance::{BivariateTable, THETA_D, THETA_H};
 use gonio::scene::Circle;
 use gonio_app::regions::{self, Regions};
 use gonio_app::{
-    Alignment, Colours, InferenceResult, KnownLight, LightSource, Method, MirrorBall, Problem, ProgressLog, Search,
-    Source, Spaces,
+    Alignment, AppError, BasisSettings, ColourMode, InferenceResult, KnownLight, LightMapSource, Method, MirrorBall,
+    ProgressLog, Source, Spaces,
 };
 use gonio_io::colour_space::ColourSpace;
+use gonio_io::result;
 use gonio_report::panels::Panels;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -24,20 +25,20 @@ use crate::error::raise;
 use crate::error::words;
 use crate::likelihood::Likelihood;
 use crate::model::Model;
-use crate::scene::{GivenPicture, GivenScene};
+use crate::scene::{PictureArg, SceneArg};
 use crate::work::{self, Listeners};
 
 /// Settings of the inference.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
-pub(crate) struct Settings<'py> {
+pub(crate) struct InferSettings<'py> {
     method: String,
     starts: usize,
     seed: u64,
     solver: String,
     full_rows: bool,
     grid: usize,
-    light: Option<GivenPicture<'py>>,
+    light: Option<PictureArg<'py>>,
     mirror_ball: Option<(f64, f64, f64)>,
     mirror_reflectance: Option<[f64; 3]>,
     align_light: String,
@@ -51,23 +52,23 @@ pub(crate) struct Settings<'py> {
     output_colorspace: String,
 }
 
-impl Settings<'_> {
+impl InferSettings<'_> {
     /// Returns the method from names that the package has checked.
-    fn method(&self) -> PyResult<Result<Method, Problem>> {
+    fn method(&self) -> PyResult<Result<Method, AppError>> {
         let solver = match self.solver.as_str() {
             "parallel" => Solver::Parallel,
             "printed" => Solver::Printed,
             _ => Solver::Blocks,
         };
         let (paper, full_rows) = (self.method == "paper", self.full_rows);
-        let search = Search { solver, starts: self.starts, seed: self.seed, paper, full_rows };
+        let search = BasisSettings { solver, starts: self.starts, seed: self.seed, paper, full_rows };
         let map = match &self.light {
             None => None,
-            Some(GivenPicture::File(path)) => Some(Source::File(path.clone())),
-            Some(GivenPicture::Array(rgb) | GivenPicture::WithAlpha((rgb, _))) => {
+            Some(PictureArg::File(path)) => Some(Source::File(path.clone())),
+            Some(PictureArg::Array(rgb) | PictureArg::WithAlpha((rgb, _))) => {
                 match EnvironmentMap::new(self.in_working_space(arrays::colours(rgb)?)) {
-                    Ok(map) => Some(Source::Here(map)),
-                    Err(error) => return Ok(Err(Problem::of("the light", error))),
+                    Ok(map) => Some(Source::Memory(map)),
+                    Err(error) => return Ok(Err(AppError::of("the light", error))),
                 }
             }
         };
@@ -82,20 +83,20 @@ impl Settings<'_> {
                 reflectance: self.mirror_reflectance.unwrap_or([1.0; 3]),
             };
             return Ok(Ok(Method::KnownLight(KnownLight {
-                map: LightSource::MirrorBall(ball),
+                map: LightMapSource::MirrorBall(ball),
                 alignment: Alignment::Fixed,
                 absolute: self.mirror_reflectance.is_some(),
             })));
         }
         Ok(match (self.method.as_str(), map) {
             ("known-light", Some(map)) => {
-                Ok(Method::KnownLight(KnownLight { map: LightSource::Map(map), alignment, absolute: self.absolute }))
+                Ok(Method::KnownLight(KnownLight { map: LightMapSource::Map(map), alignment, absolute: self.absolute }))
             }
             ("known-light-basis", Some(map)) => Ok(Method::KnownLightBasis(search, map)),
             ("learnt", _) => Ok(Method::Learnt),
             ("variational" | "paper", _) => Ok(Method::Variational(search)),
             ("map", _) => Ok(Method::JointMap(search)),
-            (other, _) => Err(Problem::new(format!("method {other:?}: unknown method, or its light is missing"))),
+            (other, _) => Err(AppError::new(format!("method {other:?}: unknown method, or its light is missing"))),
         })
     }
 
@@ -119,16 +120,16 @@ impl Settings<'_> {
         }
     }
 
-    fn colours(&self) -> Result<Colours, Problem> {
-        let problem = |text: &str| Err(Problem::new(text));
+    fn colours(&self) -> Result<ColourMode, AppError> {
+        let problem = |text: &str| Err(AppError::new(text));
         match (self.color.as_str(), self.light_color) {
-            ("estimate", None) => Ok(Colours::Estimate),
+            ("estimate", None) => Ok(ColourMode::Estimate),
             ("estimate", Some(rgb)) => {
-                Colours::under(rgb).map_or_else(|| problem("light_color: must be three positive linear numbers"), Ok)
+                ColourMode::under(rgb).map_or_else(|| problem("light_color: must be three positive linear numbers"), Ok)
             }
             (_, Some(_)) => problem("light_color requires color=\"estimate\""),
-            ("median", None) => Ok(Colours::Median),
-            ("none", None) => Ok(Colours::Grey),
+            ("median", None) => Ok(ColourMode::Median),
+            ("none", None) => Ok(ColourMode::Grey),
             (other, None) => problem(&format!("color {other:?}: must be \"estimate\", \"median\" or \"none\"")),
         }
     }
@@ -138,8 +139,8 @@ impl Settings<'_> {
 #[pyfunction]
 pub(crate) fn infer<'py>(
     py: Python<'py>,
-    scene: GivenScene<'py>,
-    settings: Settings<'py>,
+    scene: SceneArg<'py>,
+    settings: InferSettings<'py>,
     model: &Bound<'py, Model>,
     listeners: Listeners,
 ) -> PyResult<Bound<'py, PyDict>> {
@@ -147,22 +148,22 @@ pub(crate) fn infer<'py>(
     let answer = work_on(py, settings, model, listeners, move |model, settings, progress_log| {
         gonio_app::infer(model, scene, settings, progress_log)
     })?;
-    spell_out(py, answer, model)
+    result_dict(py, answer, model)
 }
 
 /// Runs an inference on a separate thread.
 fn work_on<T: Send + 'static>(
     py: Python<'_>,
-    settings: Settings<'_>,
+    settings: InferSettings<'_>,
     model: &Bound<'_, Model>,
     listeners: Listeners,
-    infer: impl FnOnce((&Known, &str), &gonio_app::Settings<'_>, &ProgressLog<'_>) -> Result<T, Problem> + Send + 'static,
+    infer: impl FnOnce((&Known, &str), &gonio_app::Settings<'_>, &ProgressLog<'_>) -> Result<T, AppError> + Send + 'static,
 ) -> PyResult<T> {
     let (known, name) = (model.get().model.clone(), model.get().name.clone());
     let method = settings.method()?.map_err(|error| raise(&error, py))?;
     let colours = settings.colours().map_err(|error| raise(&error, py))?;
     let spaces = settings.spaces();
-    let Settings { grid: side, shadows, pictures, report, .. } = settings;
+    let InferSettings { grid: side, shadows, pictures, report, .. } = settings;
     work::run(py, listeners, move |reporter| {
         let listener = |stage, fraction| reporter.at(stage, fraction);
         let settings = gonio_app::Settings { method, side, shadows, colours, spaces, pictures, report, words: &words };
@@ -174,16 +175,16 @@ fn work_on<T: Send + 'static>(
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub(crate) struct GivenRegions<'py> {
-    labels: Option<GivenPicture<'py>>,
+    labels: Option<PictureArg<'py>>,
     circles: Option<Vec<(f64, f64, f64)>>,
 }
 
 impl GivenRegions<'_> {
     pub(crate) fn take(self) -> PyResult<Regions> {
         Ok(match (self.labels, self.circles) {
-            (Some(GivenPicture::File(path)), _) => Regions::Labels(Source::File(path)),
-            (Some(GivenPicture::Array(rgb) | GivenPicture::WithAlpha((rgb, _))), _) => {
-                Regions::Labels(Source::Here(arrays::colours(&rgb)?))
+            (Some(PictureArg::File(path)), _) => Regions::Labels(Source::File(path)),
+            (Some(PictureArg::Array(rgb) | PictureArg::WithAlpha((rgb, _))), _) => {
+                Regions::Labels(Source::Memory(arrays::colours(&rgb)?))
             }
             (None, Some(circles)) => {
                 Regions::Circles(circles.into_iter().map(|(x, y, radius)| Circle { x, y, radius }).collect())
@@ -198,9 +199,9 @@ impl GivenRegions<'_> {
 #[pyfunction]
 pub(crate) fn infer_regions<'py>(
     py: Python<'py>,
-    scene: GivenScene<'py>,
+    scene: SceneArg<'py>,
     regions: GivenRegions<'py>,
-    settings: Settings<'py>,
+    settings: InferSettings<'py>,
     model: &Bound<'py, Model>,
     listeners: Listeners,
 ) -> PyResult<Vec<(String, Bound<'py, PyDict>)>> {
@@ -208,7 +209,7 @@ pub(crate) fn infer_regions<'py>(
     let several = work_on(py, settings, model, listeners, move |model, settings, progress_log| {
         regions::infer_regions(model, scene, &regions, settings, progress_log)
     })?;
-    let spelt = several.regions.into_iter().map(|region| Ok((region.name, spell_out(py, region.answer, model)?)));
+    let spelt = several.regions.into_iter().map(|region| Ok((region.name, result_dict(py, region.result, model)?)));
     spelt.collect()
 }
 
@@ -256,11 +257,11 @@ pub(crate) fn of_material<'py>(
     });
     out.set_item("rgb_quantiles", channels)?;
     out.set_item("undetermined", arrays::array(py, shape, material.undetermined.clone()))?;
-    out.set_item("open", material.open)?;
+    out.set_item("undetermined_share", material.undetermined_share)?;
     let materials: Vec<(String, f64)> = material.neighbours.iter().map(|n| (n.name.clone(), n.weight)).collect();
     out.set_item("materials", materials)?;
     let three = |values: [f64; 3]| arrays::array(py, 3, values.to_vec());
-    out.set_item("gloss", three(material.gloss))?;
+    out.set_item("peak_to_body", three(material.peak_to_body))?;
     out.set_item("alpha", three(material.highlight.alpha))?;
     // Gloss units are proportional to the scale of the table.
     out.set_item("gloss_units", material.highlight.units.map(|units| three(units.map(|u| u * scale))))?;
@@ -279,13 +280,17 @@ pub(crate) fn shown<'py>(py: Python<'py>, pictures: Vec<(&'static str, Plane<Vec
 
 /// Returns a dictionary of the results with the keys of `gonio._types.Found`. For methods that
 /// estimate coefficients only, the keys are those of `FoundInBasis`.
-fn spell_out<'py>(py: Python<'py>, answer: InferenceResult, model: &Bound<'py, Model>) -> PyResult<Bound<'py, PyDict>> {
+fn result_dict<'py>(
+    py: Python<'py>,
+    answer: InferenceResult,
+    model: &Bound<'py, Model>,
+) -> PyResult<Bound<'py, PyDict>> {
     let (field, light_colour) = (answer.colouring.field(), answer.colouring.light());
     let channels = answer.material.as_ref().map(|material| answer.colouring.quantiles(material));
     let pictures = pictures(&answer);
     let estimated = answer.light.as_ref().map(|light| answer.lat_long(light));
     let light = estimated.or_else(|| answer.known_light.as_ref().map(|light| light.radiance().clone()));
-    let InferenceResult { table, material, saved, scale, left, notes, warnings, page, .. } = answer;
+    let InferenceResult { table, material, saved, scale, residual: left, document, warnings, page, .. } = answer;
     let out = match material.zip(saved) {
         Some((material, saved)) => {
             let out = of_material(py, &material, (&field, channels), scale)?;
@@ -301,7 +306,7 @@ fn spell_out<'py>(py: Python<'py>, answer: InferenceResult, model: &Bound<'py, M
     out.set_item("misfit", left.1)?;
     out.set_item("pictures", shown(py, pictures)?)?;
     out.set_item("warnings", warnings)?;
-    out.set_item("notes", notes.to_string())?;
+    out.set_item("notes", result::encode(&document))?;
     out.set_item("page", page)?;
     out.set_item("model", model)?;
     Ok(out)

@@ -7,6 +7,7 @@
 //! (`work`). Arrays are passed without copies (`arrays`).
 
 mod arrays;
+mod compare;
 mod error;
 mod export;
 mod files;
@@ -25,6 +26,8 @@ use pyo3::prelude::*;
 /// Internal functions of the package `gonio`; not for direct use.
 #[pymodule]
 mod _gonio {
+    #[pymodule_export]
+    use super::compare::compare;
     #[pymodule_export]
     use super::export::{export, export_targets};
     #[pymodule_export]

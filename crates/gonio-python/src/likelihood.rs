@@ -4,9 +4,10 @@ use std::path::PathBuf;
 
 use gonio::estimate::{draws, predictive_draws};
 use gonio::reflectance::{THETA_D, THETA_H};
-use gonio_app::combine::{self, CombinedAnswer};
-use gonio_app::{Problem, ProgressLog};
+use gonio_app::combine::{self, CombinedResult};
+use gonio_app::{AppError, ProgressLog};
 use gonio_io::posterior::SavedPosterior;
+use gonio_io::result;
 use numpy::PyArray3;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -26,12 +27,12 @@ impl Likelihood {
     /// Decodes the pickled form.
     #[staticmethod]
     fn decode(py: Python<'_>, json: &str) -> PyResult<Self> {
-        let saved = serde_json::from_str(json).map_err(|e| raise(&Problem::of("the pickled posterior", e), py))?;
+        let saved = serde_json::from_str(json).map_err(|e| raise(&AppError::of("the pickled posterior", e), py))?;
         Ok(Self(saved))
     }
 
     fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, (String,))> {
-        let json = serde_json::to_string(&self.0).map_err(|e| raise(&Problem::new(e.to_string()), py))?;
+        let json = serde_json::to_string(&self.0).map_err(|e| raise(&AppError::new(e.to_string()), py))?;
         Ok((py.get_type::<Self>().getattr("decode")?, (json,)))
     }
 }
@@ -51,7 +52,7 @@ pub(crate) fn draw<'py>(
     let listeners = Listeners::none();
     let tables = work::run(py, listeners, move |_| {
         let draw = if errors { predictive_draws } else { draws };
-        let tables = draw(&model, &likelihood, count, seed).map_err(|e| Problem::new(e.to_string()))?;
+        let tables = draw(&model, &likelihood, count, seed).map_err(|e| AppError::new(e.to_string()))?;
         Ok(tables.into_iter().flat_map(Vec::<f32>::from).collect::<Vec<f32>>())
     })?;
     Ok(arrays::array(py, (count, THETA_H, THETA_D), tables))
@@ -59,7 +60,7 @@ pub(crate) fn draw<'py>(
 
 /// Likelihood of one photograph, in memory or in a result folder.
 #[derive(FromPyObject)]
-pub(crate) enum Given<'py> {
+pub(crate) enum LikelihoodArg<'py> {
     Found((String, Bound<'py, Likelihood>)),
     Folder(PathBuf),
 }
@@ -68,15 +69,15 @@ pub(crate) enum Given<'py> {
 #[pyfunction]
 pub(crate) fn combine_all<'py>(
     py: Python<'py>,
-    given: Vec<Given<'py>>,
+    given: Vec<LikelihoodArg<'py>>,
     model: &Bound<'py, Model>,
     listeners: Listeners,
 ) -> PyResult<Bound<'py, PyDict>> {
     let mut all = Vec::new();
     for one in given {
         match one {
-            Given::Found((name, likelihood)) => all.push((name, likelihood.get().0.clone())),
-            Given::Folder(path) => all.extend(combine::read_posteriors(&[path]).map_err(|e| raise(&e, py))?),
+            LikelihoodArg::Found((name, likelihood)) => all.push((name, likelihood.get().0.clone())),
+            LikelihoodArg::Folder(path) => all.extend(combine::read_posteriors(&[path]).map_err(|e| raise(&e, py))?),
         }
     }
     let (known, name) = (model.get().model.clone(), model.get().name.clone());
@@ -84,12 +85,12 @@ pub(crate) fn combine_all<'py>(
         let listener = |stage, fraction| reporter.at(stage, fraction);
         combine::combine((&known, &name), &all, &ProgressLog::new("reading", &listener))
     })?;
-    let CombinedAnswer { material, field, agreement, pictures, notes, saved } = answer;
+    let CombinedResult { material, field, agreement, pictures, document, saved } = answer;
     let out = of_material(py, &material, (&field, None), 1.0)?;
     out.set_item("likelihood", Likelihood(saved))?;
     out.set_item("agreement", agreement)?;
     out.set_item("pictures", shown(py, pictures)?)?;
-    out.set_item("notes", notes.to_string())?;
+    out.set_item("notes", result::encode(&document))?;
     out.set_item("model", model)?;
     Ok(out)
 }

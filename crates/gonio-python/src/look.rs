@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use gonio::bracket::Known;
+use gonio::bracket::MergedPixelStatus;
 use gonio::picture::Plane;
 use gonio_app::photograph::merge_files;
 use gonio_app::{ProgressLog, check as look_at};
@@ -15,7 +15,7 @@ use serde_json::json;
 use crate::arrays;
 use crate::error::worded;
 use crate::infer::GivenRegions;
-use crate::scene::{GivenReading, GivenScene};
+use crate::scene::{ReadingArg, SceneArg};
 use crate::work::{self, Listeners};
 
 /// Detects the objects of a photograph; returns the values of a `Checked` by name.
@@ -23,7 +23,7 @@ use crate::work::{self, Listeners};
 #[pyo3(signature = (scene, regions, listeners))]
 pub(crate) fn check<'py>(
     py: Python<'py>,
-    scene: GivenScene<'py>,
+    scene: SceneArg<'py>,
     regions: Option<GivenRegions<'py>>,
     listeners: Listeners,
 ) -> PyResult<Bound<'py, PyDict>> {
@@ -32,7 +32,7 @@ pub(crate) fn check<'py>(
         let listener = |stage, fraction| reporter.at(stage, fraction);
         let checked =
             look_at(scene, regions, &ProgressLog::new("reading", &listener)).map_err(|unchecked| unchecked.problem)?;
-        let outlines: Vec<String> = checked.objects.iter().map(gonio_app::Looked::outline).collect();
+        let outlines: Vec<String> = checked.objects.iter().map(gonio_app::DetectedObject::outline).collect();
         Ok((checked.draw(), outlines, checked.notes(), worded(&checked.warnings)))
     })?;
     let out = PyDict::new(py);
@@ -48,7 +48,7 @@ pub(crate) fn check<'py>(
 pub(crate) fn merge(
     py: Python<'_>,
     images: Vec<PathBuf>,
-    reading: GivenReading,
+    reading: ReadingArg,
     listeners: Listeners,
 ) -> PyResult<Bound<'_, PyDict>> {
     let reading = reading.take();
@@ -56,12 +56,11 @@ pub(crate) fn merge(
         let mut warnings = Vec::new();
         Ok((merge_files(&images, &reading, &mut warnings)?, worded(&warnings)))
     })?;
+    let mut notes = json!(bracket.section());
+    notes["colorspace"] =
+        json!({ "input": bracket.space.name, "source": bracket.space.source.words(), "output": "rec709" });
     let merged = bracket.merged;
     let response = &merged.response;
-    let notes = json!({
-        "exposures": bracket.amounts, "recovered_response": bracket.recovered, "report": merged.report,
-        "colorspace": { "input": bracket.space.name, "source": bracket.space.source.words(), "output": "rec709" },
-    });
     let (width, height) = merged.picture.rgb.size();
     let out = PyDict::new(py);
     out.set_item("origin", origin(py, &merged.known))?;
@@ -79,13 +78,13 @@ pub(crate) fn merge(
 
 /// Returns the main exposure of each pixel, from 0. The value is -1 if all exposures are clipped,
 /// -2 if all are black, -3 if they contradict each other.
-fn origin<'py>(py: Python<'py>, known: &Plane<Known>) -> Bound<'py, PyArray2<i16>> {
+fn origin<'py>(py: Python<'py>, known: &Plane<MergedPixelStatus>) -> Bound<'py, PyArray2<i16>> {
     let (width, height) = known.size();
-    let code = |known: &Known| match known {
-        Known::From(exposure) => i16::from(*exposure),
-        Known::Clipped => -1,
-        Known::Dark => -2,
-        Known::Moved => -3,
+    let code = |known: &MergedPixelStatus| match known {
+        MergedPixelStatus::From(exposure) => i16::from(*exposure),
+        MergedPixelStatus::Clipped => -1,
+        MergedPixelStatus::Dark => -2,
+        MergedPixelStatus::Inconsistent => -3,
     };
     arrays::array(py, (height, width), known.as_slice().iter().map(code).collect())
 }

@@ -1,18 +1,18 @@
 //! Estimates the light around a mirror ball.
 
-use gonio_app::{Mirror, ProgressLog};
+use gonio_app::{ProbePhotographs, ProgressLog};
 use numpy::{PyArray2, PyArray3};
 use pyo3::prelude::*;
 
 use crate::arrays;
 use crate::error::worded;
-use crate::scene::GivenScene;
+use crate::scene::SceneArg;
 use crate::work::{self, Listeners};
 
 /// Settings of a light probe.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
-pub(crate) struct Settings {
+pub(crate) struct ProbeSettings {
     reflectance: [f64; 3],
     rows: Option<usize>,
     second_yaw: Option<f64>,
@@ -28,14 +28,14 @@ type Probe<'py> = (Bound<'py, PyArray3<f32>>, Bound<'py, PyArray2<f32>>, Bound<'
 #[pyo3(signature = (first, second, settings, listeners))]
 pub(crate) fn light_probe<'py>(
     py: Python<'py>,
-    first: GivenScene<'py>,
-    second: Option<GivenScene<'py>>,
-    settings: Settings,
+    first: SceneArg<'py>,
+    second: Option<SceneArg<'py>>,
+    settings: ProbeSettings,
     listeners: Listeners,
 ) -> PyResult<Probe<'py>> {
-    let Settings { reflectance, rows, second_yaw } = settings;
-    let second = second.map(GivenScene::take).transpose()?.map(|scene| (scene, second_yaw));
-    let mirror = Mirror { first: first.take()?, second, reflectance, rows };
+    let ProbeSettings { reflectance, rows, second_yaw } = settings;
+    let second = second.map(SceneArg::take).transpose()?.map(|scene| (scene, second_yaw));
+    let mirror = ProbePhotographs { first: first.take()?, second, reflectance, rows };
     let found = work::run(py, listeners, move |reporter| {
         let listener = |stage, fraction| reporter.at(stage, fraction);
         gonio_app::light_probe(mirror, &ProgressLog::new("reading", &listener))

@@ -1,14 +1,14 @@
 //! Rendering and evaluation of a BRDF.
 
 use gonio::gloss::{GgxWidths, Glossmeter};
-use gonio::inference::learnt::peak_over_base;
+use gonio::inference::learnt::peak_to_body;
 use gonio::lighting::{EnvironmentMap, studio_light};
 use gonio::picture::Picture;
 use gonio::reflectance::{BivariateTable, MerlTable, THETA_D, THETA_H};
 use gonio::render::{
     Accuracy, Brdf, IntegratorSettings, LightTree, SphereSettings, SurfaceSettings, render_sphere, render_surface,
 };
-use gonio_app::Problem;
+use gonio_app::AppError;
 use numpy::{PyArray1, PyArray3, PyArray4, PyArrayMethods};
 use pyo3::prelude::*;
 
@@ -20,7 +20,7 @@ use crate::work::{self, Listeners};
 /// Settings of a picture.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
-pub(crate) struct Settings {
+pub(crate) struct RenderSettings {
     width: usize,
     height: usize,
     samples: usize,
@@ -41,7 +41,7 @@ pub(crate) fn render<'py>(
     full: Option<&Bound<'py, PyArray4<f32>>>,
     light: &Bound<'py, PyArray3<f32>>,
     shape: &Bound<'py, PyAny>,
-    settings: Settings,
+    settings: RenderSettings,
     listeners: Listeners,
 ) -> PyResult<Rendered<'py>> {
     let brdf: Box<dyn Brdf + Send> = match full {
@@ -51,10 +51,10 @@ pub(crate) fn render<'py>(
     let light = arrays::colours(light)?;
     let shape = take_shape(shape)?;
     let (picture, warnings) = work::run(py, listeners, move |reporter| {
-        let light = EnvironmentMap::new(light).map_err(|e| Problem::of("the light", e))?;
+        let light = EnvironmentMap::new(light).map_err(|e| AppError::of("the light", e))?;
         let tree = LightTree::of_map(&light);
         let mut warnings = Vec::new();
-        let Settings { width, height, samples, tolerance, shadows } = settings;
+        let RenderSettings { width, height, samples, tolerance, shadows } = settings;
         let placed = shape.surface((width, height), &mut warnings)?;
         let bound = |tolerance| Accuracy::Bound(IntegratorSettings { tolerance, ..IntegratorSettings::default() });
         let accuracy = tolerance.map_or_else(Accuracy::default, bound);
@@ -82,7 +82,7 @@ pub(crate) fn merl_table(array: &Bound<'_, PyArray4<f32>>) -> PyResult<MerlTable
     let values = array.readonly();
     let values = values.as_array();
     if values.shape() != [3, THETA_H, THETA_D, gonio::reflectance::PHI_D] {
-        let problem = Problem::new("a full MERL table must have the shape (3, 90, 90, 180)");
+        let problem = AppError::new("a full MERL table must have the shape (3, 90, 90, 180)");
         return Err(raise(&problem, array.py()));
     }
     Ok(MerlTable::from_channels(
@@ -114,7 +114,7 @@ pub(crate) fn highlights<'py>(
     let &[count, rows, columns] = values.shape() else { unreachable!("three axes") };
     if (rows, columns) != (THETA_H, THETA_D) || values.iter().any(|v| !v.is_finite() || *v < 0.0) {
         let problem = "luminance tables must have the shape (count, 90, 90) and non-negative values";
-        return Err(raise(&Problem::new(problem), py));
+        return Err(raise(&AppError::new(problem), py));
     }
     let all: Vec<BivariateTable> =
         values.outer_iter().map(|table| BivariateTable::from_vec(table.iter().copied().collect())).collect();
@@ -122,7 +122,7 @@ pub(crate) fn highlights<'py>(
         let (widths, meters) = (GgxWidths::new(), [Glossmeter::at_20(), Glossmeter::at_60()]);
         let of = |table: &BivariateTable| {
             let alpha = widths.alpha_of(table).unwrap_or(1.0).min(1.0);
-            [peak_over_base(table), alpha, meters[0].read(table), meters[1].read(table)]
+            [peak_to_body(table), alpha, meters[0].read(table), meters[1].read(table)]
         };
         all.iter().flat_map(of).collect::<Vec<f64>>()
     });

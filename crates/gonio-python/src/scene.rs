@@ -7,7 +7,8 @@ use gonio::picture::{Picture, Plane};
 use gonio::scene::{Circle, Correction};
 use gonio::shape::{DepthKind, MeshParts};
 use gonio_app::{
-    Curve, Form, Normals, PhotographSource, Places, Problem, Reading, Reference, ReferenceTarget, Scene, Shape, Source,
+    AppError, Curve, NormalMap, PhotographSource, PositionSource, Reading, Reference, ReferenceTarget, Scene, Shape,
+    ShapeKind, Source,
 };
 use gonio_io::colour_space::ColourSpace;
 use gonio_io::geometry::{depth_of, place_of};
@@ -19,7 +20,7 @@ use crate::error::raise;
 
 /// A picture, in memory or in a file.
 #[derive(FromPyObject)]
-pub(crate) enum GivenPicture<'py> {
+pub(crate) enum PictureArg<'py> {
     Array(Bound<'py, PyArray3<f32>>),
     WithAlpha((Bound<'py, PyArray3<f32>>, Bound<'py, PyArray2<f32>>)),
     File(PathBuf),
@@ -27,8 +28,8 @@ pub(crate) enum GivenPicture<'py> {
 
 /// A photograph: a picture, or the files of the exposures of one scene, or the bytes of a file.
 #[derive(FromPyObject)]
-pub(crate) enum GivenShots<'py> {
-    Picture(GivenPicture<'py>),
+pub(crate) enum PhotographArg<'py> {
+    Picture(PictureArg<'py>),
     Bytes(Vec<u8>),
     Exposures(Vec<PathBuf>),
 }
@@ -36,7 +37,7 @@ pub(crate) enum GivenShots<'py> {
 /// Options for reading the files of a photograph.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
-pub(crate) struct GivenReading {
+pub(crate) struct ReadingArg {
     linear: bool,
     layer: Option<String>,
     times: Option<Vec<f64>>,
@@ -48,7 +49,7 @@ pub(crate) struct GivenReading {
     colorspace: Option<String>,
 }
 
-impl GivenReading {
+impl ReadingArg {
     pub(crate) fn take(self) -> Reading {
         let Self { linear, layer, times, response, align, trust_times, black_level, flat, colorspace } = self;
         let response = response.map(|name| match name.as_str() {
@@ -101,7 +102,7 @@ enum Json {
 impl Json {
     fn source(self) -> Source<Vec<u8>> {
         match self {
-            Self::Bytes(json) => Source::Here(json),
+            Self::Bytes(json) => Source::Memory(json),
             Self::File(path) => Source::File(path),
         }
     }
@@ -110,8 +111,8 @@ impl Json {
 /// Normals with their conventions and positions.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
-struct GivenNormals<'py> {
-    picture: GivenPicture<'py>,
+struct NormalsArg<'py> {
+    picture: PictureArg<'py>,
     order: String,
     flip_x: bool,
     flip_y: bool,
@@ -127,10 +128,10 @@ struct GivenNormals<'py> {
 /// The shape of an object; `mesh` or `normals` take precedence over the name.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
-struct GivenShape<'py> {
+struct ShapeArg<'py> {
     shape: String,
     mesh: Option<GivenMesh<'py>>,
-    normals: Option<GivenNormals<'py>>,
+    normals: Option<NormalsArg<'py>>,
     camera: Option<Json>,
     pose: Option<Json>,
     circle: Option<(f64, f64, f64)>,
@@ -141,7 +142,7 @@ struct GivenShape<'py> {
 /// detected if `corners` is empty.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
-struct GivenReference<'py> {
+struct ReferenceArg<'py> {
     white: Option<(f64, f64, f64)>,
     grey_card: Option<GivenMask<'py>>,
     corners: Option<Vec<(f64, f64)>>,
@@ -152,41 +153,41 @@ struct GivenReference<'py> {
 /// A photograph and the known properties of its object.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
-pub(crate) struct GivenScene<'py> {
+pub(crate) struct SceneArg<'py> {
     name: String,
-    image: GivenShots<'py>,
-    reading: GivenReading,
+    image: PhotographArg<'py>,
+    reading: ReadingArg,
     mask: Option<GivenMask<'py>>,
     clip: Option<f32>,
     keep_colors: bool,
     force: bool,
-    object: GivenShape<'py>,
-    reference: Option<GivenReference<'py>>,
+    object: ShapeArg<'py>,
+    reference: Option<ReferenceArg<'py>>,
 }
 
-impl GivenScene<'_> {
+impl SceneArg<'_> {
     pub(crate) fn take(self) -> PyResult<Scene> {
         let shots = match self.image {
-            GivenShots::Picture(GivenPicture::Array(rgb)) => {
-                PhotographSource::Here(Picture { rgb: arrays::colours(&rgb)?, alpha: None })
+            PhotographArg::Picture(PictureArg::Array(rgb)) => {
+                PhotographSource::Memory(Picture { rgb: arrays::colours(&rgb)?, alpha: None })
             }
-            GivenShots::Picture(GivenPicture::WithAlpha((rgb, alpha))) => {
-                PhotographSource::Here(Picture { rgb: arrays::colours(&rgb)?, alpha: Some(arrays::values(&alpha)?) })
+            PhotographArg::Picture(PictureArg::WithAlpha((rgb, alpha))) => {
+                PhotographSource::Memory(Picture { rgb: arrays::colours(&rgb)?, alpha: Some(arrays::values(&alpha)?) })
             }
-            GivenShots::Picture(GivenPicture::File(path)) => PhotographSource::Files(vec![path]),
-            GivenShots::Bytes(bytes) => PhotographSource::Bytes(self.name.clone(), bytes),
-            GivenShots::Exposures(paths) => PhotographSource::Files(paths),
+            PhotographArg::Picture(PictureArg::File(path)) => PhotographSource::Files(vec![path]),
+            PhotographArg::Bytes(bytes) => PhotographSource::Bytes(self.name.clone(), bytes),
+            PhotographArg::Exposures(paths) => PhotographSource::Files(paths),
         };
         Ok(Scene {
             name: self.name,
-            shots,
+            photograph: shots,
             reading: self.reading.take(),
             mask: self.mask.map(GivenMask::source).transpose()?,
             clip: self.clip,
             keep_colours: self.keep_colors,
             force: self.force,
             shape: self.object.take()?,
-            reference: self.reference.map(GivenReference::take).transpose()?,
+            reference: self.reference.map(ReferenceArg::take).transpose()?,
         })
     }
 }
@@ -194,13 +195,13 @@ impl GivenScene<'_> {
 impl GivenMask<'_> {
     fn source(self) -> PyResult<Source<Plane<f32>>> {
         Ok(match self {
-            Self::Array(array) => Source::Here(arrays::values(&array)?),
+            Self::Array(array) => Source::Memory(arrays::values(&array)?),
             Self::File(path) => Source::File(path),
         })
     }
 }
 
-impl GivenReference<'_> {
+impl ReferenceArg<'_> {
     fn take(self) -> PyResult<Reference> {
         let target = match (self.white, self.grey_card) {
             (Some((x, y, radius)), _) => ReferenceTarget::White(Circle { x, y, radius }),
@@ -211,11 +212,11 @@ impl GivenReference<'_> {
     }
 }
 
-impl GivenShape<'_> {
+impl ShapeArg<'_> {
     fn take(self) -> PyResult<Shape> {
         let form = if let Some(mesh) = self.mesh {
-            Form::Mesh(match mesh {
-                GivenMesh::Arrays((places, faces)) => Source::Here(MeshParts {
+            ShapeKind::Mesh(match mesh {
+                GivenMesh::Arrays((places, faces)) => Source::Memory(MeshParts {
                     positions: places
                         .readonly()
                         .as_array()
@@ -229,36 +230,37 @@ impl GivenShape<'_> {
                 GivenMesh::File(path) => Source::File(path),
             })
         } else if let Some(normals) = self.normals {
-            Form::Normals(Box::new(normals.take()?))
+            ShapeKind::Normals(Box::new(normals.take()?))
         } else if self.shape == "ellipsoid" {
-            Form::Ellipsoid(self.depth_axis)
+            ShapeKind::Ellipsoid(self.depth_axis)
         } else if self.shape == "outline" {
-            Form::Outline
+            ShapeKind::Outline
         } else {
-            Form::Sphere(self.circle.map(|(x, y, radius)| Circle { x, y, radius }))
+            ShapeKind::Sphere(self.circle.map(|(x, y, radius)| Circle { x, y, radius }))
         };
-        Ok(Shape { form, camera: self.camera.map(Json::source), pose: self.pose.map(Json::source) })
+        Ok(Shape { kind: form, camera: self.camera.map(Json::source), pose: self.pose.map(Json::source) })
     }
 }
 
-impl GivenNormals<'_> {
-    fn take(self) -> PyResult<Normals> {
+impl NormalsArg<'_> {
+    fn take(self) -> PyResult<NormalMap> {
         let picture = match self.picture {
-            GivenPicture::Array(array) | GivenPicture::WithAlpha((array, _)) => Source::Here(arrays::colours(&array)?),
-            GivenPicture::File(path) => Source::File(path),
+            PictureArg::Array(array) | PictureArg::WithAlpha((array, _)) => Source::Memory(arrays::colours(&array)?),
+            PictureArg::File(path) => Source::File(path),
         };
         // The package has checked the order.
         let order = Correction::order_named(&self.order).unwrap_or([0, 1, 2]);
         let correction = Correction { order, flip_x: self.flip_x, flip_y: self.flip_y, flip_z: self.flip_z };
         let kind = if self.depth_along_rays { DepthKind::AlongRay } else { DepthKind::AlongAxis };
-        let depth = self.depth.map(|depth| depth.source().map(|depth| Places::Depth(depth, self.depth_range, kind)));
-        let positions = self.positions.map(|positions| positions.source().map(Places::Positions));
-        Ok(Normals {
+        let depth =
+            self.depth.map(|depth| depth.source().map(|depth| PositionSource::Depth(depth, self.depth_range, kind)));
+        let positions = self.positions.map(|positions| positions.source().map(PositionSource::Positions));
+        Ok(NormalMap {
             picture,
             correction,
             trusted: self.trusted,
             error: self.error,
-            places: depth.or(positions).transpose()?,
+            positions: depth.or(positions).transpose()?,
         })
     }
 }
@@ -269,7 +271,7 @@ impl GivenDepths<'_> {
             Self::File(path) => Source::File(path),
             Self::Array(array) => {
                 let values = array.readonly().as_array().iter().map(|v| depth_of(*v)).collect();
-                Source::Here(surface(
+                Source::Memory(surface(
                     &array,
                     array.py(),
                     "the depths: contain no surface: all are zero, infinite or too large",
@@ -288,7 +290,7 @@ impl GivenPositions<'_> {
                 let rows = array.readonly();
                 let places = rows.as_array().into_iter().copied().collect::<Vec<f64>>();
                 let places = places.chunks_exact(3).map(|p| place_of(DVec3::from_slice(p))).collect();
-                Source::Here(surface(
+                Source::Memory(surface(
                     &array,
                     array.py(),
                     "the positions: contain no surface: all are zero, infinite or too large",
@@ -308,7 +310,7 @@ fn surface<'py, T>(
     values: Vec<Option<T>>,
 ) -> PyResult<Plane<Option<T>>> {
     if values.iter().all(Option::is_none) {
-        return Err(raise(&Problem::new(problem), py));
+        return Err(raise(&AppError::new(problem), py));
     }
     let shape = array.shape();
     Ok(Plane::from_vec(shape[1], shape[0], values))
@@ -316,5 +318,5 @@ fn surface<'py, T>(
 
 /// Extracts the shape for `render`.
 pub(crate) fn take_shape(given: &Bound<'_, PyAny>) -> PyResult<Shape> {
-    given.extract::<GivenShape<'_>>()?.take()
+    given.extract::<ShapeArg<'_>>()?.take()
 }

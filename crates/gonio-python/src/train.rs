@@ -6,7 +6,7 @@ use std::sync::Arc;
 use gonio::lighting::EnvironmentMap;
 use gonio::reflectance::BivariateTable;
 use gonio::sphere::OctahedralMap;
-use gonio_app::Problem;
+use gonio_app::AppError;
 use gonio_app::training::{
     self, Channel, LightingSettings, Lights, Materials, PosteriorSettings, ReflectanceSettings, Resumption,
 };
@@ -37,7 +37,7 @@ impl GivenLights<'_> {
         };
         let map = |(i, map): (usize, Bound<'_, PyArray3<f32>>)| {
             let picture = arrays::colours(&map)?;
-            EnvironmentMap::new(picture).map_err(|e| raise(&Problem::of(format!("light {i}"), e), map.py()))
+            EnvironmentMap::new(picture).map_err(|e| raise(&AppError::of(format!("light {i}"), e), map.py()))
         };
         Ok(Lights::Maps(maps.into_iter().enumerate().map(map).collect::<PyResult<_>>()?))
     }
@@ -63,14 +63,14 @@ impl GivenMaterials<'_> {
     }
 }
 
-fn channel(name: &str) -> Result<Channel, Problem> {
+fn channel(name: &str) -> Result<Channel, AppError> {
     Ok(match name {
         "red" => Channel::Red,
         "green" => Channel::Green,
         "blue" => Channel::Blue,
         "luminance" => Channel::Luminance,
         _ => {
-            return Err(Problem::new(format!(
+            return Err(AppError::new(format!(
                 "channel {name:?}: must be \"red\", \"green\", \"blue\" or \"luminance\""
             )));
         }
@@ -105,12 +105,12 @@ pub(crate) fn train_lighting(
         let map = match layout.as_str() {
             "equal-area" => OctahedralMap::EqualArea,
             "praun-hoppe" => OctahedralMap::PraunHoppe,
-            _ => return Err(Problem::new(format!("layout {layout:?}: must be \"equal-area\" or \"praun-hoppe\""))),
+            _ => return Err(AppError::new(format!("layout {layout:?}: must be \"equal-area\" or \"praun-hoppe\""))),
         };
         if !(1..=64).contains(&turns) {
-            return Err(Problem::new(format!("turns {turns}: must be from 1 to 64")));
+            return Err(AppError::new(format!("turns {turns}: must be from 1 to 64")));
         }
-        let settings = LightingSettings { grid, map, turns, cap, seed };
+        let settings = LightingSettings { grid, map, rotations: turns, max_radiance: cap, seed };
         let (prior, provenance) = training::lighting(&lights, &settings, &|stage, x| reporter.at(stage, x))?;
         Ok((encode_lighting(&prior, &provenance), provenance))
     })?;
@@ -204,7 +204,7 @@ pub(crate) fn join(
     reflectance: (Vec<u8>, String),
     posterior: Option<(Vec<u8>, String)>,
 ) -> PyResult<Model> {
-    let join = || -> Result<_, Problem> {
+    let join = || -> Result<_, AppError> {
         let light = decode_lighting(Path::new(&lighting.1), &lighting.0)?;
         let basis = decode_reflectance(Path::new(&reflectance.1), &reflectance.0)?;
         let posterior = posterior.map(|(bytes, name)| decode_posterior(Path::new(&name), &bytes)).transpose()?;

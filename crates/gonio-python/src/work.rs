@@ -10,7 +10,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 use std::time::Duration;
 
-use gonio_app::Problem;
+use gonio_app::AppError;
 use pyo3::prelude::*;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
@@ -68,7 +68,7 @@ static POOL: Mutex<Option<Arc<ThreadPool>>> = Mutex::new(None);
 #[pyo3(signature = (count))]
 pub(crate) fn set_threads(py: Python<'_>, count: Option<usize>) -> PyResult<()> {
     let pool = count.map(|count| ThreadPoolBuilder::new().num_threads(count).build().map(Arc::new)).transpose();
-    let pool = pool.map_err(|error| raise(&Problem::of("threads", error), py))?;
+    let pool = pool.map_err(|error| raise(&AppError::of("threads", error), py))?;
     *POOL.lock().unwrap_or_else(PoisonError::into_inner) = pool;
     Ok(())
 }
@@ -80,7 +80,7 @@ pub(crate) fn set_threads(py: Python<'_>, count: Option<usize>) -> PyResult<()> 
 pub(crate) fn run<T: Send + 'static>(
     py: Python<'_>,
     listeners: Listeners,
-    job: impl FnOnce(&Reporter) -> Result<T, Problem> + Send + 'static,
+    job: impl FnOnce(&Reporter) -> Result<T, AppError> + Send + 'static,
 ) -> PyResult<T> {
     let shared = Arc::new(Shared::default());
     let reporter = Reporter(shared.clone());

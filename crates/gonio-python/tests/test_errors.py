@@ -77,9 +77,9 @@ def test_rejects_invalid_photographs(image, message):
 
 def test_warnings_are_issued_and_stored(small):
     clipped = np.minimum(small, np.quantile(small[:, :, :3], 0.95))
-    with pytest.warns(gonio.GonioWarning, match="pixels on the object are clipped and ignored"):
+    with pytest.warns(gonio.GonioWarning, match="pixels on the object, because they are clipped"):
         found = gonio.infer(clipped, clip=float(np.quantile(small[:, :, :3], 0.95)))
-    assert any("clipped" in said for said in found.warnings) and found.notes["warnings"] == list(found.warnings)
+    assert any("clipped" in said for said in found.warnings) and found.result["warnings"] == list(found.warnings)
 
 
 @pytest.mark.parametrize(
@@ -114,7 +114,7 @@ def test_rejects_objects_that_are_not_images(small):
     for image in (None, object(), {"a": 1}, [[1, 2], [3]]):
         with pytest.raises(gonio.GonioError, match="the image: .*(is not an image|cannot convert)"):
             gonio.infer(image)
-    assert gonio.infer(small, grid=np.int64(8), clip=np.float32(1e9), pictures=np.bool_(False)).notes["settings"]["grid"] == 8
+    assert gonio.infer(small, grid=np.int64(8), clip=np.float32(1e9), pictures=np.bool_(False)).result["settings"]["grid"] == 8
 
 
 def test_wrong_types_raise_type_errors_in_other_functions(tmp_path):

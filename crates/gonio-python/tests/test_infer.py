@@ -26,12 +26,12 @@ def test_the_sample_is_a_glossy_ball(found):
     assert found.undetermined.dtype == np.bool_
     assert found.light.shape == (128, 256, 3) and found.light.min() >= 0
     assert (np.diff(found.quantiles, axis=0) >= 0).all()
-    assert found.gloss[0] <= found.gloss[1] <= found.gloss[2]
+    assert found.peak_to_body[0] <= found.peak_to_body[1] <= found.peak_to_body[2]
     assert found.brdf.albedo == pytest.approx(0.5, abs=1e-3)
     assert found.misfit < 0.2
-    assert found.notes["format"] == "gonio-result" and found.notes["method"] == "learnt"
-    assert found.notes["posterior"]["undetermined"] == found.open
-    assert found.notes["posterior"]["scatter"] == found.scatter < 0.5
+    assert found.result["format"] == "gonio-result" and found.result["method"] == "learnt"
+    assert found.result["posterior"]["undetermined"] == found.undetermined_share
+    assert found.result["posterior"]["scatter"] == found.scatter < 0.5
     assert found.ends[0].table.shape == found.ends[1].table.shape == (90, 90, 3)
     assert "gonio.Posterior 'ball'" in repr(found)
 
@@ -45,7 +45,7 @@ def test_the_program_gives_the_same_result(found, ball, tmp_path):
     for name in names - {"result.json", "summary.png"}:
         assert (tmp_path / "cli" / name).read_bytes() == (tmp_path / "python" / name).read_bytes(), name
     ours, theirs = (json.loads((tmp_path / side / "result.json").read_text()) for side in ("python", "cli"))
-    for section in ("posterior", "light", "noise", "colour", "settings", "observations", "model"):
+    for section in ("posterior", "light", "residual", "colour", "settings", "observations", "model"):
         assert ours[section] == theirs[section], section
 
 
@@ -99,10 +99,10 @@ def test_shapes_by_normals_and_outline_agree():
     normals = np.dstack([a, b, np.sqrt(np.maximum(1 - a**2 - b**2, 0))]) * inside[:, :, None]
     by_normals = gonio.infer(small, normals, **QUICK)
     by_outline = gonio.infer(small, "sphere", **QUICK)
-    assert by_normals.gloss[1] == pytest.approx(by_outline.gloss[1], rel=0.3)
-    assert "circle" in by_outline.notes["observations"]
+    assert by_normals.peak_to_body[1] == pytest.approx(by_outline.peak_to_body[1], rel=0.3)
+    assert by_outline.result["observations"]["shape"]["kind"] == "sphere"
     circle = gonio.infer(small, circle=(width / 2, height / 2, width / 2 - 2), **QUICK)
-    assert circle.notes["observations"]["circle"]["radius"] == pytest.approx(width / 2 - 2)
+    assert circle.result["observations"]["shape"]["circle"]["radius"] == pytest.approx(width / 2 - 2)
     ellipsoid = gonio.infer(small, "ellipsoid", depth_axis=width / 2 - 2, **QUICK)
     assert not any("depth_axis" in said for said in ellipsoid.warnings)
 
@@ -112,7 +112,7 @@ def test_accepts_meshes_in_memory_and_by_name():
     picture = gonio.render(brdf, gonio.studio_light(16), "blob", 40)
     stages = []
     by_name = gonio.infer(picture, "blob", **QUICK, progress=lambda stage, _: stages.append(stage))
-    assert "shadows" in stages and by_name.notes["observations"]["shape"]["mesh"] == "blob"
+    assert "shadows" in stages and by_name.result["observations"]["shape"]["mesh"] == "blob"
     t = np.linspace(0, np.pi, 24)
     s = np.linspace(0, 2 * np.pi, 49)[:-1]
     vertices = np.array([[np.sin(u) * np.cos(v), np.cos(u), np.sin(u) * np.sin(v)] for u in t for v in s])
@@ -121,7 +121,7 @@ def test_accepts_meshes_in_memory_and_by_name():
     faces += [[index(i, k + 1), index(i + 1, k + 1), index(i + 1, k)] for i in range(23) for k in range(48)]
     ball = gonio.render(brdf, gonio.studio_light(16), (vertices, np.array(faces)), 40)
     found = gonio.infer(ball, (vertices, np.array(faces)), **QUICK, shadows=False)
-    assert found.notes["observations"]["shape"]["mesh"] == "the mesh"
+    assert found.result["observations"]["shape"]["mesh"] == "the mesh"
     with pytest.raises(gonio.GonioError, match="the mesh: triangle 0 refers to vertex 9"):
         gonio.render(brdf, shape=(vertices[:3], np.array([[0, 1, 9]])))
 
@@ -198,7 +198,7 @@ def test_posteriors_can_be_pickled(found):
     travelled = pickle.loads(pickle.dumps(found, protocol=5))
     assert np.array_equal(travelled.brdf.table, found.brdf.table)
     assert np.array_equal(travelled.samples, found.samples)
-    assert travelled.notes == found.notes and travelled.model is gonio.Model.embedded()
+    assert travelled.result == found.result and travelled.model is gonio.Model.embedded()
     assert travelled.relight(size=16).shape == (16, 16, 4)
 
 

@@ -59,7 +59,7 @@ def test_accepts_tensors(small, want):
     assert same(gonio.infer(first, **QUICK), want)
     assert same(gonio.infer(Tensor(small), **QUICK), want)
     rgb, alpha = Tensor(np.ascontiguousarray(small[..., :3])), Tensor(np.ascontiguousarray(small[None, ..., 3]))
-    assert np.isfinite(gonio.infer(rgb, mask=alpha, **QUICK).gloss).all()
+    assert np.isfinite(gonio.infer(rgb, mask=alpha, **QUICK).peak_to_body).all()
     with pytest.raises(gonio.GonioError, match="the image: NumPy cannot read the tensor: on a GPU"):
         gonio.infer(OnGpu())
 
@@ -81,10 +81,10 @@ def test_accepts_pil_images(small):
     with_alpha = np.dstack([coded, np.uint8(255) * (small[..., 3] > 0.5)])
     cmyk = Image.fromarray(coded).convert("CMYK")
     near = gonio.infer(cmyk, mask=mask, linear=True, **QUICK)
-    assert near.gloss[1] == pytest.approx(want.gloss[1], rel=0.2)
+    assert near.peak_to_body[1] == pytest.approx(want.peak_to_body[1], rel=0.2)
     palette = Image.fromarray(with_alpha).convert("RGBA").quantize(200)
     assert palette.mode == "P"
-    assert np.isfinite(gonio.infer(palette, mask=mask, linear=True, **QUICK).gloss).all()
+    assert np.isfinite(gonio.infer(palette, mask=mask, linear=True, **QUICK).peak_to_body).all()
     labels = Image.fromarray(np.uint8(small[..., 3] > 0.5)).convert("P")
     assert list(gonio.infer_regions(small[..., :3], labels, **QUICK)) == ["1"]
 
@@ -122,7 +122,7 @@ def test_exposures_are_merged(exposures, tmp_path):
     assert known.mean() > 0.9 and merged.response.shape == (3, 65536)
     ratio = merged.picture[known][:, 0] / radiance[known]
     assert np.allclose(ratio, np.median(ratio), rtol=0.01)
-    assert merged.notes["exposures"] == [1 / 16, 1 / 4, 1] and merged.notes["recovered_response"] is False
+    assert merged.result["exposures"] == [1 / 16, 1 / 4, 1] and merged.result["recovered_response"] is False
     merged.write(tmp_path / "hdr.exr")
     merged.write_response(tmp_path / "camera.csv")
     again = gonio.merge(files, times=times, response=tmp_path / "camera.csv")
@@ -132,7 +132,7 @@ def test_exposures_are_merged(exposures, tmp_path):
     by_hand = gonio.infer(merged.picture, clip=merged.clip_level, circle=circle, **QUICK)
     from_file = gonio.infer(tmp_path / "hdr.exr", circle=circle, **QUICK)
     assert same(at_once, by_hand) and same(from_file, by_hand)
-    assert at_once.brdf.name == "a" and at_once.notes["bracket"]["exposures"] == [1 / 16, 1 / 4, 1]
+    assert at_once.brdf.name == "a" and at_once.result["bracket"]["exposures"] == [1 / 16, 1 / 4, 1]
 
 
 def test_shifted_exposures_are_aligned(exposures, tmp_path):
@@ -142,10 +142,10 @@ def test_shifted_exposures_are_aligned(exposures, tmp_path):
     Image.fromarray(shifted).save(tmp_path / "shifted.png")
     bracket = [files[0], tmp_path / "shifted.png", files[2]]
     merged = gonio.merge(bracket, times=times, response="linear")
-    shifts = [correction["shift"] for correction in merged.notes["report"]["corrections"]]
+    shifts = [correction["shift"] for correction in merged.result["report"]["corrections"]]
     assert shifts == [[0, 0], [3, 0], [0, 0]]
     plain = gonio.merge(bracket, times=times, response="linear", align=False, trust_times=True)
-    assert all(correction["shift"] == [0, 0] for correction in plain.notes["report"]["corrections"])
+    assert all(correction["shift"] == [0, 0] for correction in plain.result["report"]["corrections"])
     with pytest.raises(TypeError, match="align"):
         gonio.merge(bracket, times=times, align="no")
 
@@ -192,13 +192,7 @@ def test_colour_spaces_of_arrays_and_files_are_converted(small, want, tmp_path):
     aces[..., :3] = small[..., :3] @ np.linalg.inv(ACES_CG).T
     found = gonio.infer(aces, colorspace="acescg", output_colorspace="acescg", **QUICK)
     assert np.allclose(found.brdf.table, want.brdf.table, rtol=1e-3, atol=1e-6)
-    assert found.notes["colorspace"] | {"note": ""} == {
-        "input": "acescg",
-        "source": "given",
-        "clamped_pixels": 0,
-        "output": "acescg",
-        "note": "",
-    }
+    assert found.result["colorspace"] == {"input": "acescg", "source": "given", "clamped_pixels": 0, "output": "acescg"}
 
     # A file that states its space is converted.
     gonio.write_image(tmp_path / "stated.exr", aces, colorspace="ap1")

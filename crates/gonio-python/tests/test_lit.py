@@ -28,10 +28,10 @@ def seen(lights) -> list[gonio.Posterior]:
 
 def test_a_known_light_determines_material_and_albedo(seen, lights):
     found = seen[0]
-    assert found.notes["method"] == "known-light" and found.misfit < 0.05
+    assert found.result["method"] == "known-light" and found.misfit < 0.05
     assert found.light.shape == lights[0].shape
     truth = gonio.Brdf.of(lambda h, d: 0.1 + 3.0 * np.exp(-((h / 0.15) ** 2)))
-    assert found.notes["exposure"]["albedo"] == pytest.approx(truth.albedo, rel=0.05)
+    assert found.result["exposure"]["albedo"] == pytest.approx(truth.albedo, rel=0.05)
     absolute = gonio.infer(lit_ball(3.0, lights[0]), light=lights[0], pictures=False, absolute=True)
     assert absolute.brdf.albedo == pytest.approx(truth.albedo, rel=0.05)
     assert np.median(absolute.samples[:, 45, 20]) == pytest.approx(absolute.luminance[45, 20], rel=0.2)
@@ -79,7 +79,7 @@ def test_infers_two_balls_separately(lights):
     both = np.concatenate([dull, 0.5 * shiny * [1, 1, 1, 2]], axis=1).astype(np.float32)
     found = gonio.infer_regions(both, grid=16, pictures=False)
     assert sorted(found) == ["1", "2"]
-    assert max(posterior.notes["relative_albedo"] for posterior in found.values()) == 1
+    assert max(posterior.result["relative_albedo"] for posterior in found.values()) == 1
     labels = np.zeros(both.shape[:2], np.uint8)
     labels[:, :48], labels[:, 48:] = 1, 2
     with pytest.raises(gonio.GonioError, match="of the same size"):

@@ -33,7 +33,7 @@ def check(results, small):
     assert [bool(result) for result in results] == [True, False, True, False, False, False]
     want = gonio.infer(small, **QUICK)
     assert np.array_equal(results[0].brdf.table, want.brdf.table)
-    assert results[2].notes["settings"]["grid"] == 16
+    assert results[2].result["settings"]["grid"] == 16
     missing, grid, argument, image = (results[i] for i in (1, 3, 4, 5))
     assert missing.name == "none.exr" and isinstance(missing.error, FileNotFoundError) and missing.index == 1
     assert isinstance(grid.error, gonio.GonioError) and "grid 5" in repr(grid) and grid.name == "item 3"

@@ -32,7 +32,7 @@ def cache(tmp_path_factory):
 def test_methods_of_the_paper_estimate_coefficients(small, method, tmp_path):
     found = gonio.infer(small, method=method, starts=1, seed=3, grid=8)
     assert isinstance(found, gonio.BasisPosterior) and found.method == method
-    assert found.notes["settings"]["seed"] == 3 and found.notes["settings"]["starts"] == 1
+    assert found.result["settings"]["seed"] == 3 and found.result["settings"]["starts"] == 1
     assert found.coefficients.shape == (10,) and found.brdf.albedo == pytest.approx(0.5, abs=1e-3)
     assert (found.coefficients_sd is None) == (method == "map") and 0 < found.noise < 1
     assert found.light.shape == (128, 256, 3) and "summary" in found.pictures and "<img" in found._repr_html_()
@@ -47,7 +47,7 @@ def test_methods_of_the_paper_estimate_coefficients(small, method, tmp_path):
 def test_the_setup_of_the_paper_and_a_known_light(small):
     # The paper's grid is 32 x 32, and a small ball has few normals.
     paper = gonio.infer(small, method="paper", starts=1, pictures=False)
-    assert paper.notes["settings"]["paper"] is True and paper.method == "variational"
+    assert paper.result["settings"]["paper"] is True and paper.method == "variational"
     light = gonio.studio_light(32)
     known = gonio.infer(small, light=light, method="known-light-basis", starts=1, pictures=False)
     assert known.method == "known-light-basis" and known.light.shape == light.shape
@@ -59,7 +59,7 @@ def test_the_program_gives_the_same_coefficients(small, tmp_path):
     command = [os.environ["GONIO_CLI"], "infer", "ball.exr", "-o", "out", "--no-report", *"--method map --starts 2 --seed 7 --grid 8".split()]
     subprocess.run(command, check=True, stdout=subprocess.DEVNULL, cwd=tmp_path)
     found = gonio.infer(tmp_path / "ball.exr", method="map", starts=2, seed=7, grid=8, pictures=False)
-    assert json.loads((tmp_path / "out" / "result.json").read_text())["reflectance"] == found.notes["reflectance"]
+    assert json.loads((tmp_path / "out" / "result.json").read_text())["reflectance"] == found.result["reflectance"]
 
 
 # Options of the program with another name in Python; None if the Python function does not need them.
@@ -138,7 +138,7 @@ def test_depth_and_position_maps_agree(tmp_path):
     picture = small_ball(96)
     normals, depth, positions = surface()
     by_depth = gonio.infer(picture, normals=normals, depth=depth, **QUICK)
-    shape = by_depth.notes["observations"]
+    shape = by_depth.result["observations"]
     assert shape["shape"]["geometry"] == "the depths" and "visibility" in shape
     np.save(tmp_path / "depth.npy", np.nan_to_num(depth).astype(np.float32))
     by_file = gonio.infer(picture, normals=normals, depth=tmp_path / "depth.npy", **QUICK)
@@ -148,7 +148,7 @@ def test_depth_and_position_maps_agree(tmp_path):
     assert np.allclose(np.log(by_codes.brdf.table / by_depth.brdf.table)[:60, :60], 0, atol=0.05)
     camera = {"projection": "orthographic", "pixels_per_unit": np.float32(1)}
     by_places = gonio.infer(picture, normals=normals, positions=positions, camera=camera, **QUICK)
-    assert by_places.notes["observations"]["shape"]["geometry"] == "the positions"
+    assert by_places.result["observations"]["shape"]["geometry"] == "the positions"
     assert np.allclose(np.log(by_places.brdf.table / by_depth.brdf.table)[:60, :60], 0, atol=0.05)
     with pytest.raises(gonio.GonioError, match=r"the positions: .*; specify the camera with camera="):
         gonio.infer(picture, normals=normals, positions=positions, **QUICK)
@@ -182,11 +182,11 @@ def test_normals_of_other_conventions_are_detected():
 def test_check_detects_objects_and_clipped_pixels(small, ball):
     looked = gonio.check(ball)
     assert looked.outlines == ["ball, circle 128.0,128.0,126.0 (x, y, radius in pixels)"]
-    assert looked.picture.dtype == np.uint8 and looked.notes["width"] == 256 and "<img" in looked._repr_html_()
+    assert looked.picture.dtype == np.uint8 and looked.result["width"] == 256 and "<img" in looked._repr_html_()
     clipped = np.minimum(small, np.quantile(small[..., :3], 0.95))
     with pytest.warns(gonio.GonioWarning, match="clipped"):
         again = gonio.check(clipped, clip=float(clipped[..., :3].max()))
-    assert again.notes["objects"][0]["report"]["clipped_pixels"] > 20
+    assert again.result["objects"][0]["report"]["clipped_pixels"] > 20
     two = np.concatenate([small, small], axis=1)
     assert len(gonio.check(two).outlines) == 2
     assert len(gonio.check(two, circles=[(24, 24, 22), (72, 24, 22)]).outlines) == 2

@@ -32,8 +32,8 @@ def test_converts_to_arviz(found):
     data = found.to_inference_data(80, seed=5)
     assert data.posterior.sizes["chain"] == 1 and data.posterior.sizes["draw"] == 80
     assert np.array_equal(data.posterior.brdf[0], found.draw(80, seed=5))
-    table = arviz.summary(data, var_names=["gloss", "alpha", "gloss_units_60"], kind="stats")
-    assert list(table.index) == ["gloss", "alpha", "gloss_units_60"]
+    table = arviz.summary(data, var_names=["peak_to_body", "alpha", "gloss_units_60"], kind="stats")
+    assert list(table.index) == ["peak_to_body", "alpha", "gloss_units_60"]
     # The interval of the draws is close to that of the posterior.
     low, high = np.quantile(data.posterior.alpha, [0.05, 0.95])
     assert 0.5 < low / found.alpha[0] < 2 and 0.5 < high / found.alpha[2] < 2
@@ -109,17 +109,17 @@ def test_colours_do_not_change_the_luminance_of_samples(found):
     assert found.colors.shape == (2, 3) and np.allclose(found.colors @ [0.2126, 0.7152, 0.0722], 1, rtol=1e-3)
 
 
-def test_gloss_of_a_brdf_agrees_with_its_posterior(found):
-    """Checks that the gloss of a BRDF agrees with its posterior and scales correctly."""
+def test_highlight_of_a_brdf_agrees_with_its_posterior(found):
+    """Checks that the highlight of a BRDF agrees with its posterior and scales correctly."""
     brdf = found.brdf
-    assert found.gloss[0] / 2 < brdf.gloss < 2 * found.gloss[2]
+    assert found.peak_to_body[0] / 2 < brdf.peak_to_body < 2 * found.peak_to_body[2]
     assert found.alpha[0] / 2 < brdf.alpha < 2 * found.alpha[2]
     assert set(brdf.gloss_units) == set(found.gloss_units) == {20, 60}
     assert brdf.scaled(0.25).gloss_units[60] == pytest.approx(brdf.gloss_units[60] / 2, rel=1e-3)
-    assert brdf.scaled(0.25).alpha == pytest.approx(brdf.alpha) and brdf.scaled(0.25).gloss == pytest.approx(brdf.gloss)
-    assert (found.roughness**2 == pytest.approx(found.alpha)) and found.notes["posterior"]["gloss"]["ggx_alpha"]["50"] == found.alpha[1]
+    assert brdf.scaled(0.25).alpha == pytest.approx(brdf.alpha) and brdf.scaled(0.25).peak_to_body == pytest.approx(brdf.peak_to_body)
+    assert (found.roughness**2 == pytest.approx(found.alpha)) and found.result["posterior"]["highlight"]["ggx_alpha"]["50"] == found.alpha[1]
     chalk = gonio.Brdf.of(lambda h, d: 0.2 + 0 * h)
-    assert chalk.alpha == 1 and chalk.gloss == pytest.approx(1)
+    assert chalk.alpha == 1 and chalk.peak_to_body == pytest.approx(1)
     grey = brdf.grey().table
     assert np.array_equal(grey[..., 0], grey[..., 1]) and np.allclose(grey[..., 0], brdf.luminance)
 
@@ -148,3 +148,25 @@ def test_draws_with_errors_have_the_quantiles_of_the_result(found):
         return np.median((high - low)[trusted] / wanted)
 
     assert 0.8 < width(draws) < 1.2 and width(plain) < width(draws)
+
+
+def test_compare_agrees_with_the_program(found, tmp_path):
+    """Compares a result with another one, in memory and from folders, as ``gonio compare`` does."""
+    other = gonio.infer(found.relight("sky", size=64), grid=8, pictures=False)
+    comparison = gonio.compare({"studio": found, "sky": other})
+    (pair,) = comparison.pairs
+    assert pair.names == ("studio", "sky") and pair.agreement in ("agree", "overlap") and 0 < pair.distance < 1
+    assert pair.sentence.startswith("studio and sky ") and "roughness" in pair.sentence
+    assert comparison.page.startswith("<!DOCTYPE html>") and "A sphere of the material of studio" in comparison.page
+    found.save(tmp_path / "studio")
+    other.save(tmp_path / "sky")
+    (saved,) = gonio.compare([tmp_path / "studio", tmp_path / "sky"]).pairs
+    assert saved.sentence == pair.sentence and saved.distance == pytest.approx(pair.distance, rel=1e-5)
+    comparison.write(tmp_path / "page.html")
+    assert (tmp_path / "page.html").read_text() == comparison.page
+    with pytest.raises(gonio.GonioError, match="only one result"):
+        gonio.compare([found])
+    with pytest.raises(gonio.FileError, match="result.json"):
+        gonio.compare([found, tmp_path])
+    with pytest.raises(gonio.GonioError, match="must be a list or a dictionary"):
+        gonio.compare(found)

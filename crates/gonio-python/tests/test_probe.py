@@ -47,7 +47,7 @@ def test_the_probe_recovers_the_light(tmp_path):
     wall = at(found.light, (-0.5, -0.4, 0.7))
     d = np.array([-0.5, -0.4, 0.7])
     assert wall == pytest.approx(room(d[None] / np.linalg.norm(d))[0], rel=0.1)
-    assert found.notes["unseen"] == pytest.approx(1 - np.average(found.seen, weights=weights(64), axis=None), abs=1e-3)
+    assert found.result["unseen"] == pytest.approx(1 - np.average(found.seen, weights=weights(64), axis=None), abs=1e-3)
     assert found.warnings == [] and told and "<img" in found._repr_html_()
     found.write(tmp_path / "probe.exr")
     assert np.array_equal(gonio.read_image(tmp_path / "probe.exr"), found.light)
@@ -62,8 +62,8 @@ def weights(rows: int) -> np.ndarray:
 
 def test_two_views_are_merged():
     found = gonio.light_probe(photograph(), second=photograph(70.0), reflectance=(0.6, 0.6, 0.6), rows=32)
-    views = found.notes["views"]
-    assert views["turn_degrees"] == pytest.approx(70, abs=0.5) and views["found"] and found.notes["unseen"] < 1e-6
+    views = found.result["views"]
+    assert views["azimuth_degrees"] == pytest.approx(70, abs=0.5) and views["estimated"] and found.result["unseen"] < 1e-6
     with pytest.warns(gonio.GonioWarning, match="the image and the second image: the two views differ"):
         gonio.light_probe(photograph(), second=photograph(70.0), second_yaw=-80.0)
 
@@ -105,9 +105,9 @@ def test_a_mirror_ball_in_the_photograph_gives_the_light():
         mirror[row, column] = 0.6 * at(light, tuple(seen[row, column]))
     both = np.concatenate([mirror, np.asarray(ball)[..., :3]], axis=1)
     found = gonio.infer(both, mirror_ball=(80, 80, 70), mirror_reflectance=0.6, pictures=False)
-    assert found.notes["method"] == "known-light" and found.notes["reflectance"]["absolute"]
+    assert found.result["method"] == "known-light" and found.result["reflectance"]["absolute"]
     # The ball reflects 60 % at every angle, but real mirrors reflect more at the rim.
     assert found.brdf.albedo == pytest.approx(brdf.albedo, rel=0.15)
-    assert found.notes["observations"]["circle"]["x"] == pytest.approx(240, abs=0.5)
+    assert found.result["observations"]["shape"]["circle"]["x"] == pytest.approx(240, abs=0.5)
     # Without the ball's reflectance, the BRDF is relative.
     assert gonio.infer(both, mirror_ball=(80, 80, 70), pictures=False).brdf.albedo == pytest.approx(0.5, rel=1e-3)

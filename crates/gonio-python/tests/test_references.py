@@ -37,12 +37,12 @@ def test_a_patch_determines_colour_and_scale(beside, white):
     for options in ({"white": (68, 25, 12)}, {"grey_card": card, "reference_reflectance": 0.9}):
         found = gonio.infer(beside, **OPTIONS, **options)
         assert found.light_color[0] / found.light_color[1] == pytest.approx(white[0] / white[1], rel=0.02)
-        scale = found.notes["reference"]["scale"]
+        scale = found.result["reference"]["scale"]
         low, high = scale["normal_albedo_interval_90"]
         assert low < truth < high and found.brdf.albedo == pytest.approx(scale["normal_albedo"], rel=0.01)
     alone = gonio.infer(beside, **OPTIONS, white=(68, 25, 12), reference_color_only=True)
-    assert alone.notes["reference"]["scale"] is None and alone.brdf.albedo == pytest.approx(0.5, abs=1e-3)
-    assert gonio.check(beside, circle=(24, 24, 22), white=(68, 25, 12)).notes["objects"][0]["reference"]["kind"] == "white patch"
+    assert alone.result["reference"]["scale"] is None and alone.brdf.albedo == pytest.approx(0.5, abs=1e-3)
+    assert gonio.check(beside, circle=(24, 24, 22), white=(68, 25, 12)).result["objects"][0]["reference"]["kind"] == "white patch"
 
 
 @pytest.mark.parametrize(

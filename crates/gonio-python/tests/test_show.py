@@ -85,7 +85,7 @@ def test_result_folders_contain_all_files(found, tmp_path):
     assert np.array_equal(arrays["luminance_quantiles"], found.quantiles)
     assert np.array_equal(arrays["quantiles"], found.rgb_quantiles)
     assert np.array_equal(gonio.read_image(tmp_path / "a" / "ball" / "light.exr"), found.light)
-    assert json.loads((tmp_path / "a" / "ball" / "result.json").read_text()) == found.notes
+    assert json.loads((tmp_path / "a" / "ball" / "result.json").read_text()) == found.result
     found.save(tmp_path / "a" / "ball")
 
 

@@ -35,7 +35,7 @@ def test_a_trained_model_can_be_used(small, tmp_path):
     model.write(str(tmp_path / "x.model"))
     # Two steps teach too little to reproduce the photograph.
     found = gonio.infer(small, model=tmp_path / "x.model", grid=8, pictures=False, force=True)
-    assert found.notes["model"]["provenance"] == model.provenance
+    assert found.result["model"]["provenance"] == model.provenance
     assert np.array_equal(gonio.infer(small, model=model, grid=8, pictures=False, force=True).brdf.table, found.brdf.table)
     # Pickled results contain the trained model.
     assert pickle.loads(pickle.dumps(found)).draw(2).shape == (2, 90, 90)

@@ -9,12 +9,12 @@ use gonio::scene::{Circle, Detection, PixelStatus};
 
 use crate::canvas::{OUTLINE, PAPER, fill, heading, with_legend};
 use crate::panels::over_paper;
-use crate::panels::used::{MARKS, legend};
+use crate::panels::used::{IGNORE_REASONS, legend};
 
 /// Longest side of the photograph in the picture, in pixels.
-const SIDE: usize = 1024;
+const PHOTOGRAPH_SIDE: usize = 1024;
 /// Side up to which small photographs are enlarged.
-const LEAST: usize = 480;
+const MIN_PHOTOGRAPH_SIDE: usize = 480;
 /// Smallest width of the picture, so that the legend fits.
 const WIDTH: usize = 320;
 /// Factor by which the photograph is darkened outside of the objects.
@@ -70,7 +70,7 @@ struct Frame {
 impl Frame {
     fn of((width, height): (usize, usize)) -> Self {
         let longest = width.max(height);
-        let (step, times) = (longest.div_ceil(SIDE), (LEAST / longest).max(1));
+        let (step, times) = (longest.div_ceil(PHOTOGRAPH_SIDE), (MIN_PHOTOGRAPH_SIDE / longest).max(1));
         Self { size: (width.div_ceil(step) * times, height.div_ceil(step) * times), step, times }
     }
 
@@ -112,7 +112,8 @@ pub fn draw(picture: &Picture, sightings: &[&Detection]) -> Plane<Vec3> {
     let frame = Frame::of((width, height));
     let (size, first) = (frame.size, |x: usize, y: usize| frame.first(x, y));
     let photograph = Plane::from_fn(size.0, size.1, |x, y| {
-        let mark = MARKS.iter().find(|mark| frame.behind(x, y, (width, height)).any(|at| mark.marks(statuses[at])));
+        let mark =
+            IGNORE_REASONS.iter().find(|mark| frame.behind(x, y, (width, height)).any(|at| mark.marks(statuses[at])));
         let own = owner[first(x, y)];
         let ends = (1..=WEIGHT)
             .flat_map(|d| [(x.saturating_sub(d), y), (x, y.saturating_sub(d)), (x + d, y), (x, y + d)])

@@ -5,7 +5,7 @@ use gonio::picture::{Picture, Plane};
 use gonio::reflectance::BivariateTable;
 
 use crate::canvas::fill;
-use crate::panels::{PANEL, Stage, over_paper, own_sphere_light, sphere_exposure};
+use crate::panels::{PANEL, PanelRenderer, builtin_sphere_light, over_paper, sphere_exposure};
 use crate::summary;
 
 /// Largest number of spheres in a row.
@@ -57,7 +57,7 @@ pub fn side_by_side(
 /// Renders spheres in the first built-in light.
 fn drawn(all: &[&Shown]) -> Vec<Picture> {
     let tables: Vec<[BivariateTable; 3]> = all.iter().map(|shown| shown.tables.clone()).collect();
-    Stage::of(&own_sphere_light()).spheres(&tables)
+    PanelRenderer::of(&builtin_sphere_light()).spheres(&tables)
 }
 
 fn labelled<'a>(all: &[&'a Shown], panels: &'a [Plane<Vec3>]) -> Vec<(&'a str, &'a Plane<Vec3>)> {

@@ -67,8 +67,8 @@ fn captions(probe: &Probe) -> Vec<String> {
     lines.extend(report.views.map(|views| {
         format!(
             "second camera at {:.1} degrees ({}); views differ by {:.1} %",
-            views.turn_degrees,
-            if views.found { "estimated" } else { "specified" },
+            views.azimuth_degrees,
+            if views.estimated { "estimated" } else { "specified" },
             100.0 * views.difference
         )
     }));
@@ -143,7 +143,7 @@ fn map(probe: &Probe) -> Plane<Vec3> {
     let exposure = Exposure::by_quantile(&light, |_| true, 0.9, 0.6);
     Plane::from_fn(width, height, |x, y| {
         let shown = exposure.apply(light[(x, y)]);
-        let at = (x * probe.seen.width() / width, y * probe.seen.height() / height);
-        if probe.seen[at] < 0.5 && stripe(x, y) { 0.4 * shown + 0.12 * INK } else { shown }
+        let at = (x * probe.coverage.width() / width, y * probe.coverage.height() / height);
+        if probe.coverage[at] < 0.5 && stripe(x, y) { 0.4 * shown + 0.12 * INK } else { shown }
     })
 }

@@ -42,8 +42,8 @@ pub fn painted(photograph: &Picture, masks: &[&Plane<f32>]) -> (Plane<Vec3>, Vec
 pub struct Row {
     /// Name of the region, which is that of its folder.
     pub name: String,
-    /// 5, 50 and 95 % quantiles of its gloss.
-    pub gloss: Option<[f64; 3]>,
+    /// 5, 50 and 95 % quantiles of its roughness.
+    pub roughness: Option<[f64; 3]>,
     /// Measured material with the most similar highlight.
     pub nearest: Option<String>,
     /// Its albedo relative to that of the brightest region.
@@ -63,13 +63,13 @@ pub fn page(image: &str, overview: &Plane<Vec3>, rows: &[Row]) -> String {
     let body = html! {
         table {
             thead {
-                tr { th { "region" } th { "gloss (90 % interval)" } th { "most similar highlight (not colour)" } th { "albedo relative to the brightest region" } th { "misfit" } }
+                tr { th { "region" } th { "roughness (90 % interval)" } th { "most similar highlight (not colour)" } th { "albedo relative to the brightest region" } th { "misfit" } }
             }
             tbody {
                 @for row in rows {
                     tr {
                         th { a href={ "./" (row.name) "/report.html" } { (row.name) } }
-                        td { @if let Some([low, median, high]) = row.gloss { (format!("{median:.1} ({low:.1} to {high:.1})")) } }
+                        td { @if let Some([low, median, high]) = row.roughness { (format!("{median:.2} ({low:.2} to {high:.2})")) } }
                         td { (row.nearest.as_deref().unwrap_or("")) }
                         td {
                             @if let Some(albedo) = row.relative_albedo { (format!("{albedo:.2}")) }
@@ -95,14 +95,14 @@ mod tests {
     fn names_are_escaped_and_linked() {
         let row = Row {
             name: "a<b".into(),
-            gloss: Some([1.0, 2.0, 3.0]),
+            roughness: Some([0.1, 0.2, 0.3]),
             nearest: Some("brass".into()),
             relative_albedo: Some(0.5),
             misfit: 0.05,
             warnings: vec!["odd".into()],
         };
         let page = page("x.exr", &Plane::from_fn(8, 8, |_, _| Vec3::ZERO), &[row]);
-        assert!(page.contains("a&lt;b/report.html") && page.contains("2.0 (1.0 to 3.0)") && page.contains("0.50"));
+        assert!(page.contains("a&lt;b/report.html") && page.contains("0.20 (0.10 to 0.30)") && page.contains("0.50"));
     }
 
     #[test]

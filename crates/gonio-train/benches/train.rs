@@ -6,7 +6,7 @@ use std::time::Instant;
 use gonio::lighting::studio_light;
 use gonio::reflectance::parametric::{Ggx, Parametric};
 use gonio::reflectance::{BivariateTable, Dictionary, DictionarySettings, LogBasis};
-use gonio::simulation::{LightPyramid, SceneRenderer, Stock, StockSettings};
+use gonio::simulation::{LightPyramid, ScenePool, ScenePoolSettings, SceneRenderer};
 use gonio_train::{Monitor, Photographs, Samples, TrainingSettings, train};
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
@@ -25,19 +25,19 @@ fn main() {
         let basis = LogBasis::fit(&measured, LogBasis::RANK);
         Dictionary::new(basis, &DictionarySettings::default())
     });
-    let settings = StockSettings { groups: 1, views: 4, ..StockSettings::default() };
+    let settings = ScenePoolSettings { groups: 1, views: 4, ..ScenePoolSettings::default() };
     let mut rng = Pcg64::seed_from_u64(1);
     let drawn: Vec<_> = (0..settings.draws).map(|_| dictionary.draw(&settings.prior, &mut rng)).collect();
     let tables: Vec<BivariateTable> =
         timed("tables of 120 materials", || drawn.par_iter().map(|m| dictionary.table(m)).collect());
     timed("coordinates of 120 materials", || {
-        tables.par_iter().map(|t| dictionary.coordinates.of(t)).collect::<Vec<_>>()
+        tables.par_iter().map(|t| dictionary.latent_space.of(t)).collect::<Vec<_>>()
     });
     let light = timed("one light", || LightPyramid::new(|d| f64::from(gonio::picture::luminance(map.at(d)))));
     let renderer = SceneRenderer::new();
     timed("scenes of 120 materials", || renderer.render(&tables, &light));
-    let mut stock = Stock::new(dictionary, vec![map], settings);
-    timed("one group of four views", || stock.hold(0));
+    let mut stock = ScenePool::new(dictionary, vec![map], settings);
+    timed("one group of four views", || stock.load_groups(0));
     let mut samples = Photographs(&mut stock);
     timed("512 photographs", || {
         (0..PHOTOGRAPHS).into_par_iter().for_each(|number| {

@@ -2,7 +2,7 @@
 
 use gonio::inference::learnt::NamedLayer;
 
-use crate::pass::{activated, affine, affine_backward, before_silu};
+use crate::pass::{activated, affine, affine_backward, input_gradient};
 
 /// Layers one after the other, with [`silu`](gonio::inference::learnt::silu) between them.
 /// Weights of a layer are `[inputs + 1][outputs]`, the bias last.
@@ -61,7 +61,7 @@ impl Dense {
                 if let Some(mask) = masks.get(at) {
                     now.iter_mut().zip(mask).for_each(|(n, m)| *n *= m);
                 }
-                now = before_silu(&mut trace.before[at], &now);
+                now = input_gradient(&mut trace.before[at], &now);
             }
             let input = &trace.vectors[at];
             let mut to = vec![0.0; input.len()];

@@ -1,9 +1,9 @@
 //! Trains a posterior of materials on a stock of scenes.
 
-use gonio::appearance::disk::{CHANNELS, SIDE};
+use gonio::appearance::disk::{CHANNELS, DISK_SIDE};
 use gonio::inference::learnt::{Candidates, LearntPosterior, interval_widths};
 use gonio::reflectance::BivariateTable;
-use gonio::simulation::Stock;
+use gonio::simulation::ScenePool;
 use rayon::prelude::*;
 
 use crate::{Checkpoint, Monitor, Photographs, TrainError, Trained, TrainingSettings, train};
@@ -36,8 +36,8 @@ pub struct TrainingLosses {
 /// # Errors
 /// If a setting is out of range, the training diverges, or `start` is from other settings.
 pub fn learn(
-    stock: &mut Stock,
-    left_out: Option<Stock>,
+    stock: &mut ScenePool,
+    left_out: Option<ScenePool>,
     settings: &TrainingSettings,
     start: Option<Checkpoint>,
     monitor: &Monitor<'_>,
@@ -46,8 +46,8 @@ pub fn learn(
     let recent = TESTED.div_ceil(settings.batch).min(settings.steps.div_ceil(10));
     let last = &losses[losses.len().saturating_sub(recent)..];
     let training = last.iter().map(|l| f64::from(*l)).sum::<f64>() / last.len().max(1) as f64;
-    let test = |stock: &mut Stock| {
-        stock.hold(Photographs::unused(settings.steps));
+    let test = |stock: &mut ScenePool| {
+        stock.load_groups(Photographs::unused(settings.steps));
         trained.loss(&Photographs(stock), FIRST, TESTED.min(settings.steps * settings.batch))
     };
     let new_lights = left_out.map(|mut stock| test(&mut stock));
@@ -57,14 +57,14 @@ pub fn learn(
 
 /// Builds the posterior from the trained encoder, the measured materials and draws from the prior.
 /// Also computes the usual ranges of features, and the widths of the prior's intervals.
-fn posterior(stock: &Stock, trained: &Trained, settings: &TrainingSettings) -> LearntPosterior {
+fn posterior(stock: &ScenePool, trained: &Trained, settings: &TrainingSettings) -> LearntPosterior {
     let ranged = RANGED.min(settings.steps * settings.batch);
     let dictionary = stock.dictionary();
     let features: Vec<Vec<f32>> = (FIRST..FIRST + ranged as u64)
         .into_par_iter()
         .map(|number| {
             let image = stock.photograph(number).image;
-            let mut channels = vec![0.0; SIDE * SIDE * CHANNELS];
+            let mut channels = vec![0.0; DISK_SIDE * DISK_SIDE * CHANNELS];
             let globals = image.write(&mut channels);
             trained.encoder.apply(&channels, &globals).1
         })
@@ -77,15 +77,18 @@ fn posterior(stock: &Stock, trained: &Trained, settings: &TrainingSettings) -> L
     };
     let candidates = |places: Vec<Vec<f64>>| {
         let places: Vec<Vec<f32>> = places.iter().map(|p| p.iter().map(|z| *z as f32).collect()).collect();
-        Candidates { embeddings: places.par_iter().map(|place| trained.embed(place)).collect(), places }
+        Candidates { embeddings: places.par_iter().map(|place| trained.embed(place)).collect(), coordinates: places }
     };
-    let drawn = (FIRST..FIRST + settings.candidates as u64).into_par_iter().map(|number| stock.place(number)).collect();
+    let drawn = (FIRST..FIRST + settings.candidates as u64)
+        .into_par_iter()
+        .map(|number| stock.draw_coordinates(number))
+        .collect();
     let tables: Vec<BivariateTable> = dictionary.entries.par_iter().map(|entry| dictionary.table(entry)).collect();
     LearntPosterior {
         names: dictionary.measured.names.clone(),
-        measured: candidates(dictionary.places[..dictionary.measured.len()].to_vec()),
+        measured: candidates(dictionary.coordinates[..dictionary.measured.len()].to_vec()),
         prior: candidates(drawn),
-        coordinates: dictionary.coordinates.clone(),
+        latent_space: dictionary.latent_space.clone(),
         widths: interval_widths(&tables),
         ranges: (0..features[0].len()).map(range).collect(),
         encoder: trained.encoder.clone(),

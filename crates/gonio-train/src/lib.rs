@@ -22,7 +22,7 @@ mod train;
 pub use checkpoint::Checkpoint;
 pub use learn::{TrainingLosses, learn};
 pub use photographs::Photographs;
-pub use train::{Monitor, PART, TrainError, Trained, TrainingSettings, train};
+pub use train::{MICRO_BATCH, Monitor, TrainError, Trained, TrainingSettings, train};
 
 /// An endless stream of images with the targets to be estimated from them. Within a step of the
 /// training, an index always gives the same sample.

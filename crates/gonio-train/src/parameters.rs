@@ -95,9 +95,9 @@ impl Parameters {
 
     /// Returns the gradient with respect to the parameters, given the gradients with respect to
     /// [`Self::weights`].
-    pub(crate) fn pull(&self, values: &[f32], weights: &[Vec<f32>]) -> Vec<f32> {
+    pub(crate) fn backward(&self, values: &[f32], weights: &[Vec<f32>]) -> Vec<f32> {
         let parts: Vec<Vec<f32>> =
-            self.slots.par_iter().zip(weights).map(|(slots, back)| slots.pull(values, back)).collect();
+            self.slots.par_iter().zip(weights).map(|(slots, back)| slots.backward(values, back)).collect();
         parts.concat()
     }
 
@@ -170,7 +170,7 @@ impl Slots {
 
     /// Returns the gradient with respect to the layer's parameters, in their order in the vector,
     /// given the gradient with respect to its weights and bias.
-    fn pull(&self, values: &[f32], back: &[f32]) -> Vec<f32> {
+    fn backward(&self, values: &[f32], back: &[f32]) -> Vec<f32> {
         let mut out = back.to_vec();
         let Some(gain) = &self.gain else { return out };
         let (gain, factor, outputs) = (&values[gain.clone()], self.factor(values), gain.len());

@@ -185,7 +185,7 @@ impl Layers {
                     }
                 }
                 Step::Convolve(at) => {
-                    let back = before_silu(&mut before[at], &now);
+                    let back = input_gradient(&mut before[at], &now);
                     let input = &images[at];
                     // The gradient with respect to the photograph is not needed.
                     now = vec![0.0; if at == 0 { 0 } else { input.len() }];
@@ -194,12 +194,12 @@ impl Layers {
                     layer = at;
                 }
                 Step::Block(at) => {
-                    let mut outer = before_silu(&mut before[at + 1], &now);
+                    let mut outer = input_gradient(&mut before[at + 1], &now);
                     let (first, second) = (&self.convolutions[at].geometry, &self.convolutions[at + 1].geometry);
                     let mut inner = vec![0.0; images[at + 1].len()];
                     let input = &images[at + 1];
                     gradients[at + 1] = affine_backward(second, &weights[at + 1], input, &outer, Some(&mut inner));
-                    let inner = before_silu(&mut before[at], &inner);
+                    let inner = input_gradient(&mut before[at], &inner);
                     // The skip connection takes the gradient of the sum; the gradient through the
                     // block is added to it.
                     gradients[at] = affine_backward(first, &weights[at], &images[at], &inner, Some(&mut outer));
@@ -214,7 +214,7 @@ impl Layers {
 
 /// Returns the gradient with respect to the input of a [`silu`], given the gradient with respect to
 /// its output. Consumes `before`, the stored input.
-pub(crate) fn before_silu(before: &mut Vec<f32>, back: &[f32]) -> Vec<f32> {
+pub(crate) fn input_gradient(before: &mut Vec<f32>, back: &[f32]) -> Vec<f32> {
     let mut values = std::mem::take(before);
     silu_backward(&mut values, back);
     values

@@ -1,7 +1,7 @@
 //! Simulated photographs as samples.
 
-use gonio::appearance::disk::{CHANNELS, GLOBALS, SIDE};
-use gonio::simulation::Stock;
+use gonio::appearance::disk::{CHANNELS, DISK_SIDE, GLOBALS};
+use gonio::simulation::ScenePool;
 
 use crate::Samples;
 
@@ -9,7 +9,7 @@ use crate::Samples;
 const STEPS_PER_GROUP: usize = 60;
 
 /// Photographs of a stock; the targets are the coordinates of their materials in its dictionary.
-pub struct Photographs<'a>(pub &'a mut Stock);
+pub struct Photographs<'a>(pub &'a mut ScenePool);
 
 impl Photographs<'_> {
     /// Returns the number of a group that a training of this many steps does not use.
@@ -21,11 +21,11 @@ impl Photographs<'_> {
 
 impl Samples for Photographs<'_> {
     fn advance(&mut self, step: usize) {
-        self.0.hold((step / STEPS_PER_GROUP) as u64);
+        self.0.load_groups((step / STEPS_PER_GROUP) as u64);
     }
 
     fn side(&self) -> usize {
-        SIDE
+        DISK_SIDE
     }
 
     fn channels(&self) -> usize {
@@ -37,12 +37,12 @@ impl Samples for Photographs<'_> {
     }
 
     fn dimensions(&self) -> usize {
-        self.0.dictionary().coordinates.axes.len()
+        self.0.dictionary().latent_space.axes.len()
     }
 
     fn draw(&self, index: u64, image: &mut [f32], globals: &mut [f32], target: &mut [f32]) {
         let photograph = self.0.photograph(index);
         globals.copy_from_slice(&photograph.image.write(image));
-        target.iter_mut().zip(photograph.place).for_each(|(t, z)| *t = z as f32);
+        target.iter_mut().zip(photograph.coordinates).for_each(|(t, z)| *t = z as f32);
     }
 }

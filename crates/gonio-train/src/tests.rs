@@ -1,8 +1,8 @@
 use gonio::inference::learnt::Step;
 
 use crate::loss::contrast;
-use crate::train::{Batch, Model, Part};
-use crate::{Checkpoint, Monitor, PART, Samples, TrainError, Trained, TrainingSettings};
+use crate::train::{Batch, MicroBatch, Model};
+use crate::{Checkpoint, MICRO_BATCH, Monitor, Samples, TrainError, Trained, TrainingSettings};
 
 /// Samples of a bright spot in a noisy image: the targets are its width and horizontal position,
 /// and one of the globals gives its vertical position.
@@ -64,7 +64,7 @@ fn small() -> TrainingSettings {
         steps: 4,
         batch: 20,
         embedding: 5,
-        others: 50,
+        negatives: 50,
         materials: vec![7],
         widths: vec![4, 6, 8],
         hidden: vec![10, 9],
@@ -75,10 +75,10 @@ fn small() -> TrainingSettings {
 #[test]
 fn the_gradient_matches_the_loss() {
     for drop in [0.0, 0.3] {
-        let model = Model::new(&SMALL, &TrainingSettings { drop, ..small() }).unwrap();
+        let model = Model::new(&SMALL, &TrainingSettings { dropout: drop, ..small() }).unwrap();
         let values = model.parameters.random(7);
         let others: Vec<f32> = (0..14).map(|at| uniform(at, 77)).collect();
-        let batch = Batch { samples: &SMALL, first: 5, count: PART + 3, others: &others, seed: 3 };
+        let batch = Batch { samples: &SMALL, first: 5, count: MICRO_BATCH + 3, negatives: &others, seed: 3 };
         let gradient = model.learn(&values, batch).gradient;
         assert_eq!(gradient.len(), values.len());
         // Check each tensor along its gradient: the effect of a single entry is below the rounding
@@ -115,14 +115,14 @@ fn the_gradient_matches_the_loss() {
 
 #[test]
 fn the_exported_encoder_matches_the_forward_pass() {
-    let settings = TrainingSettings { drop: 0.0, ..small() };
+    let settings = TrainingSettings { dropout: 0.0, ..small() };
     let model = Model::new(&SMALL, &settings).unwrap();
     assert!(model.shape.steps().contains(&Step::Pool));
     let mut values = model.parameters.random(7);
     values.iter_mut().enumerate().for_each(|(i, v)| *v += 0.1 * uniform(i as u64, 9));
     let encoder = model.parameters.export(&values, &model.shape).unwrap();
     let weights = model.parameters.weights(&values);
-    let part = Part::draw(&SMALL, 3, 4);
+    let part = MicroBatch::draw(&SMALL, 3, 4);
     let trace = model.layers.forward(part.images.clone(), &part.globals, 4, &weights, &[]);
     for (at, want) in trace.outputs().chunks_exact(5).enumerate() {
         let (got, features) = encoder.apply(&part.images[at * 512..][..512], &part.globals[at * 2..][..2]);
@@ -144,7 +144,7 @@ fn threads_do_not_change_the_result() {
 
 /// Mean loss of samples, each among all others.
 fn loss_of(trained: &Trained, first: u64, count: usize) -> f64 {
-    let part = Part::draw(&SMALL, first, count);
+    let part = MicroBatch::draw(&SMALL, first, count);
     let width = trained.encoder.shape().outputs;
     let image = |at: usize| trained.encoder.apply(&part.images[at * 512..][..512], &part.globals[at * 2..][..2]).0;
     // The loss divides by the root of the width itself.
@@ -161,7 +161,8 @@ fn loss_of(trained: &Trained, first: u64, count: usize) -> f64 {
 #[test]
 fn training_learns_visible_targets() {
     let (steps, hidden) = (300, vec![32, 32]);
-    let settings = TrainingSettings { steps, batch: 32, rate: 5e-3, drop: 0.0, average: 0.98, hidden, ..small() };
+    let settings =
+        TrainingSettings { steps, batch: 32, learning_rate: 5e-3, dropout: 0.0, ema_decay: 0.98, hidden, ..small() };
     let trained = train(&settings).unwrap();
     // The loss is 0 for a guess, and -log 200 = -5.3 for certainty.
     let loss = loss_of(&trained, 1_000_000, 200);
@@ -174,14 +175,14 @@ fn training_learns_visible_targets() {
 #[test]
 fn rejects_wrong_settings_and_reports_divergence() {
     let wrong = [
-        TrainingSettings { drop: 1.0, ..small() },
+        TrainingSettings { dropout: 1.0, ..small() },
         TrainingSettings { embedding: 0, ..small() },
         TrainingSettings { widths: vec![4; 8], ..small() },
     ];
     for settings in wrong {
         assert!(train(&settings).is_err());
     }
-    let wild = TrainingSettings { rate: f64::NAN, ..small() };
+    let wild = TrainingSettings { learning_rate: f64::NAN, ..small() };
     assert!(matches!(train(&wild), Err(TrainError::Diverged { step: 1 })));
 }
 
@@ -190,7 +191,7 @@ fn a_resumed_training_gives_the_same_result() {
     let kept: std::cell::RefCell<Vec<Checkpoint>> = std::cell::RefCell::default();
     let keep = |checkpoint: &dyn Fn() -> Checkpoint| kept.borrow_mut().push(checkpoint());
     let monitor = Monitor { progress: &|_, _| (), keep: &keep };
-    let settings = TrainingSettings { drop: 0.2, ..small() };
+    let settings = TrainingSettings { dropout: 0.2, ..small() };
     let (whole, losses) = crate::train(&mut { SMALL }, &settings, None, &monitor).unwrap();
     let kept = kept.into_inner();
     assert_eq!(kept.iter().map(Checkpoint::step).collect::<Vec<_>>(), [1, 2, 3, 4]);

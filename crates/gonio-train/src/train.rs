@@ -10,13 +10,13 @@ use crate::Samples;
 use crate::checkpoint::Checkpoint;
 use crate::dense::{Dense, DenseTrace};
 use crate::loss::contrast;
-use crate::optimiser::{Optimiser, Stride, one_cycle};
+use crate::optimiser::{Optimiser, StepSettings, one_cycle};
 use crate::parameters::Parameters;
 use crate::pass::Layers;
 
 /// Number of samples that one thread processes together: few enough for their activations to stay
 /// in cache.
-pub const PART: usize = 8;
+pub const MICRO_BATCH: usize = 8;
 
 /// Settings of the training of an encoder.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -28,23 +28,23 @@ pub struct TrainingSettings {
     pub batch: usize,
     /// Largest learning rate; the rate rises over the first three tenths of the steps and falls
     /// over the rest.
-    pub rate: f64,
+    pub learning_rate: f64,
     /// Weight decay.
-    pub decay: f64,
+    pub weight_decay: f64,
     /// Dropout: share of the units of hidden dense layers left out at random.
-    pub drop: f64,
+    pub dropout: f64,
     /// Dimensions of an embedding.
     pub embedding: usize,
     /// Number of materials with which each image's own material is contrasted: those of the
     /// preceding images.
-    pub others: usize,
+    pub negatives: usize,
     /// Units of the hidden layers between a material and its embedding.
     pub materials: Vec<usize>,
     /// Largest norm of a gradient; longer gradients are scaled down to it.
-    pub longest: f64,
+    pub max_gradient_norm: f64,
     /// Share of the moving average of the weights that is kept in each step; the average is the
     /// result of the training.
-    pub average: f64,
+    pub ema_decay: f64,
     /// Widths of the encoder, as in [`EncoderShape::widths`].
     pub widths: Vec<usize>,
     /// Hidden layers of the encoder, as in [`EncoderShape::hidden`].
@@ -63,14 +63,14 @@ impl Default for TrainingSettings {
         Self {
             steps: 2_800,
             batch: 128,
-            rate: 2e-3,
-            decay: 1e-3,
-            drop: 0.0,
+            learning_rate: 2e-3,
+            weight_decay: 1e-3,
+            dropout: 0.0,
             embedding: 64,
-            others: 2048,
+            negatives: 2048,
             materials: vec![256, 256],
-            longest: 5.0,
-            average: 0.999,
+            max_gradient_norm: 5.0,
+            ema_decay: 0.999,
             widths: shape.widths,
             hidden: shape.hidden,
             candidates: 8192,
@@ -101,14 +101,14 @@ pub enum TrainError {
 }
 
 /// Images, globals and targets of some samples, one after the other.
-pub(crate) struct Part {
+pub(crate) struct MicroBatch {
     pub(crate) count: usize,
     pub(crate) images: Vec<f32>,
     pub(crate) globals: Vec<f32>,
     pub(crate) targets: Vec<f32>,
 }
 
-impl Part {
+impl MicroBatch {
     pub(crate) fn draw(samples: &dyn Samples, first: u64, count: usize) -> Self {
         let (image, globals, target) =
             (samples.side().pow(2) * samples.channels(), samples.globals(), samples.dimensions());
@@ -131,10 +131,10 @@ const ROWS: usize = 128;
 
 /// Bound of the coordinates of materials, in deviations: coordinates of a formula may be
 /// arbitrarily large.
-const REACH: f32 = 8.0;
+const MAX_COORDINATE: f32 = 8.0;
 
 fn bounded(places: &[f32]) -> Vec<f32> {
-    places.iter().map(|z| z.clamp(-REACH, REACH)).collect()
+    places.iter().map(|z| z.clamp(-MAX_COORDINATE, MAX_COORDINATE)).collect()
 }
 
 /// An encoder and the embedding of materials in training.
@@ -169,7 +169,7 @@ impl Trained {
     /// Computes the mean loss in nats of `count` samples from `first` on, as in training but
     /// without dropout. Their materials are contrasted with the last materials of the training.
     pub fn loss(&self, samples: &dyn Samples, first: u64, count: usize) -> f64 {
-        self.model.learn(&self.values, Batch { samples, first, count, others: &self.others, seed: 0 }).loss
+        self.model.learn(&self.values, Batch { samples, first, count, negatives: &self.others, seed: 0 }).loss
     }
 }
 
@@ -181,28 +181,28 @@ pub(crate) struct Batch<'a> {
     pub(crate) first: u64,
     pub(crate) count: usize,
     /// Coordinates of the materials to contrast with the samples' own, one after the other.
-    pub(crate) others: &'a [f32],
+    pub(crate) negatives: &'a [f32],
     /// Seed of dropout.
     pub(crate) seed: u64,
 }
 
 /// Loss and gradient of a batch.
-pub(crate) struct Lesson {
+pub(crate) struct BatchGradient {
     /// Mean loss of the samples.
     pub(crate) loss: f64,
     /// Gradient of the mean loss with respect to all parameters.
     pub(crate) gradient: Vec<f32>,
     /// Coordinates of the samples' materials, one after the other.
-    pub(crate) places: Vec<f32>,
+    pub(crate) coordinates: Vec<f32>,
 }
 
 /// Loss and gradients of a part of a batch: sums over its samples.
-struct Piece {
+struct MicroBatchGradient {
     loss: f64,
     /// Gradients with respect to the weights of all layers.
     gradients: Vec<Vec<f32>>,
     to_others: Vec<f32>,
-    places: Vec<f32>,
+    coordinates: Vec<f32>,
 }
 
 impl Model {
@@ -210,13 +210,13 @@ impl Model {
         let dimensions = samples.dimensions();
         let check = |ok: bool, name| if ok { Ok(()) } else { Err(TrainError::Setting(name)) };
         check((1..=1024).contains(&settings.embedding), "embedding")?;
-        check(settings.others > 0, "others")?;
+        check(settings.negatives > 0, "others")?;
         check(settings.candidates > 0, "candidates")?;
         check(settings.materials.iter().all(|units| (1..=4096).contains(units)), "materials")?;
         check(settings.batch > 0, "batch")?;
-        check((0.0..1.0).contains(&settings.drop), "drop")?;
-        check((0.0..1.0).contains(&settings.average), "average")?;
-        check(settings.longest > 0.0, "longest")?;
+        check((0.0..1.0).contains(&settings.dropout), "drop")?;
+        check((0.0..1.0).contains(&settings.ema_decay), "average")?;
+        check(settings.max_gradient_norm > 0.0, "longest")?;
         check(dimensions <= 64, "dimensions")?;
         let shape = EncoderShape {
             side: samples.side(),
@@ -236,12 +236,12 @@ impl Model {
         };
         let materials = Dense { layers: sizes.windows(2).enumerate().map(material).collect() };
         let parameters = Parameters::new(layers.all().chain(&materials.layers));
-        Ok(Self { shape, layers, materials, parameters, drop: settings.drop })
+        Ok(Self { shape, layers, materials, parameters, drop: settings.dropout })
     }
 
     /// Computes loss and gradients of the images of a part, contrasting their own materials with
     /// the embeddings `others`. `seed` determines dropout.
-    fn piece(&self, part: Part, weights: &[Vec<f32>], others: &[f32], seed: u64) -> Piece {
+    fn piece(&self, part: MicroBatch, weights: &[Vec<f32>], others: &[f32], seed: u64) -> MicroBatchGradient {
         let masks = self.masks(part.count, seed);
         let (encoder, materials) = weights.split_at(self.layers.all().count());
         let images = self.layers.forward(part.images, &part.globals, part.count, encoder, &masks);
@@ -251,7 +251,7 @@ impl Model {
         let loss = contrast(&mut to_images, &mut to_own, others, &mut to_others, self.shape.outputs);
         let mut gradients = self.layers.backward(images, to_images, encoder, &masks);
         gradients.extend(self.materials.backward(own, to_own, materials, &[]).0);
-        Piece { loss, gradients, to_others, places: part.targets }
+        MicroBatchGradient { loss, gradients, to_others, coordinates: part.targets }
     }
 
     /// Dropout masks of the hidden layers: zero for units left out, and more than one for the rest
@@ -266,8 +266,8 @@ impl Model {
         self.shape.hidden.iter().map(|units| (0..count * units).map(|_| draw()).collect()).collect()
     }
 
-    pub(crate) fn learn(&self, values: &[f32], batch: Batch<'_>) -> Lesson {
-        let Batch { samples, first, count, others, seed } = batch;
+    pub(crate) fn learn(&self, values: &[f32], batch: Batch<'_>) -> BatchGradient {
+        let Batch { samples, first, count, negatives: others, seed } = batch;
         let weights = self.parameters.weights(values);
         let images = self.layers.all().count();
         let rows = ROWS * samples.dimensions();
@@ -276,12 +276,16 @@ impl Model {
             .map(|places| self.materials.forward(bounded(places), &weights[images..], &[]))
             .collect();
         let others: Vec<f32> = traces.iter().flat_map(|trace| trace.outputs()).copied().collect();
-        let pieces: Vec<Piece> = (0..count.div_ceil(PART))
+        let pieces: Vec<MicroBatchGradient> = (0..count.div_ceil(MICRO_BATCH))
             .into_par_iter()
             .map(|at| {
-                let part = Part::draw(samples, first + (at * PART) as u64, PART.min(count - at * PART));
+                let part = MicroBatch::draw(
+                    samples,
+                    first + (at * MICRO_BATCH) as u64,
+                    MICRO_BATCH.min(count - at * MICRO_BATCH),
+                );
                 // Neighbouring seeds of the generator give unrelated streams.
-                let seed = (seed << 32).wrapping_add(first).wrapping_add((at * PART) as u64);
+                let seed = (seed << 32).wrapping_add(first).wrapping_add((at * MICRO_BATCH) as u64);
                 self.piece(part, &weights, &others, seed)
             })
             .collect();
@@ -302,10 +306,10 @@ impl Model {
                 sum
             })
             .collect();
-        Lesson {
+        BatchGradient {
             loss: pieces.iter().map(|p| p.loss).sum::<f64>() / count as f64,
-            gradient: self.parameters.pull(values, &gradients),
-            places: pieces.into_iter().flat_map(|p| p.places).collect(),
+            gradient: self.parameters.backward(values, &gradients),
+            coordinates: pieces.into_iter().flat_map(|p| p.coordinates).collect(),
         }
     }
 
@@ -375,20 +379,20 @@ pub fn train(
     for step in first_step..settings.steps {
         samples.advance(step);
         let first = (step * settings.batch) as u64;
-        let batch = Batch { samples, first, count: settings.batch, others: &others, seed: settings.seed };
-        let Lesson { loss, gradient, places } = model.learn(&values, batch);
+        let batch = Batch { samples, first, count: settings.batch, negatives: &others, seed: settings.seed };
+        let BatchGradient { loss, gradient, coordinates: places } = model.learn(&values, batch);
         if !loss.is_finite() || gradient.iter().any(|g| !g.is_finite()) {
             return Err(TrainError::Diverged { step });
         }
-        let stride = Stride {
-            rate: (settings.rate * one_cycle(step as f64 / settings.steps as f64)) as f32,
-            decay: settings.decay as f32,
-            longest: settings.longest,
-            average: settings.average as f32,
+        let stride = StepSettings {
+            rate: (settings.learning_rate * one_cycle(step as f64 / settings.steps as f64)) as f32,
+            decay: settings.weight_decay as f32,
+            max_gradient_norm: settings.max_gradient_norm,
+            ema_decay: settings.ema_decay as f32,
         };
         optimiser.step(&mut values, &gradient, model.parameters.decaying(), &stride);
         others.extend(places);
-        others.drain(..others.len().saturating_sub(settings.others * samples.dimensions()));
+        others.drain(..others.len().saturating_sub(settings.negatives * samples.dimensions()));
         losses.push(loss as f32);
         (monitor.progress)((step + 1) as f64 / settings.steps as f64, loss);
         (monitor.keep)(&|| Checkpoint {

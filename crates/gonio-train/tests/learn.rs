@@ -4,7 +4,7 @@ use glam::{DVec3, Vec3};
 use gonio::lighting::EnvironmentMap;
 use gonio::picture::Plane;
 use gonio::reflectance::{BivariateTable, Dictionary, DictionarySettings, LogBasis};
-use gonio::simulation::{Stock, StockSettings};
+use gonio::simulation::{ScenePool, ScenePoolSettings};
 use gonio::sphere::direction_of_lat_long;
 use gonio_train::{Monitor, Photographs, TrainingSettings, learn};
 
@@ -28,27 +28,27 @@ fn dictionary() -> Dictionary {
     Dictionary::new(LogBasis::fit(&tables, 8), &settings)
 }
 
-fn stock(lights: u32) -> Stock {
-    let settings = StockSettings { groups: 3, views: 1, draws: 12, ..StockSettings::default() };
-    let mut stock = Stock::new(dictionary(), (0..lights).map(light).collect(), settings);
-    stock.hold(0);
+fn stock(lights: u32) -> ScenePool {
+    let settings = ScenePoolSettings { groups: 3, views: 1, draws: 12, ..ScenePoolSettings::default() };
+    let mut stock = ScenePool::new(dictionary(), (0..lights).map(light).collect(), settings);
+    stock.load_groups(0);
     stock
 }
 
 /// A stock in lights that are not those of [`stock`].
-fn other(lights: u32) -> Stock {
-    let settings = StockSettings { groups: 2, views: 1, draws: 12, ..StockSettings::default() };
-    Stock::new(dictionary(), (100..100 + lights).map(light).collect(), settings)
+fn other(lights: u32) -> ScenePool {
+    let settings = ScenePoolSettings { groups: 2, views: 1, draws: 12, ..ScenePoolSettings::default() };
+    ScenePool::new(dictionary(), (100..100 + lights).map(light).collect(), settings)
 }
 
 fn settings(steps: usize) -> TrainingSettings {
     TrainingSettings {
         steps,
         batch: 16,
-        rate: 6e-3,
-        average: 0.9,
+        learning_rate: 6e-3,
+        ema_decay: 0.9,
         embedding: 8,
-        others: 128,
+        negatives: 128,
         materials: vec![32],
         widths: vec![4, 6, 8],
         hidden: vec![32],
@@ -68,20 +68,20 @@ fn embeddings_identify_the_materials_of_new_photographs() {
     assert!(losses.new_lights.unwrap() > losses.new_scenes, "{losses:?}");
     // The embeddings identify the materials of photographs outside the training, and no photograph
     // is out of distribution.
-    let (mut along, mut strange, mut certain) = (0.0, 0.0, 0.0);
+    let (mut along, mut out_of_distribution, mut certain) = (0.0, 0.0, 0.0);
     let unseen = (1 << 41)..(1 << 41) + 60;
     for number in unseen {
         let photograph = stock.photograph(number);
-        let reading = posterior.read(&photograph.image);
+        let reading = posterior.encode(&photograph.image);
         let weights = posterior.prior.weights(&reading.embedding);
-        let mean: f64 = weights.iter().zip(&posterior.prior.places).map(|(w, z)| w * f64::from(z[0])).sum();
-        along += photograph.place[0] * mean / 60.0;
-        strange += reading.strangeness / 60.0;
+        let mean: f64 = weights.iter().zip(&posterior.prior.coordinates).map(|(w, z)| w * f64::from(z[0])).sum();
+        along += photograph.coordinates[0] * mean / 60.0;
+        out_of_distribution += reading.out_of_distribution / 60.0;
         certain += weights.iter().map(|w| w * (w * weights.len() as f64).max(1e-300).ln()).sum::<f64>() / 60.0;
     }
     assert!(along > 0.1 && certain > 0.2, "{along} {certain}");
-    assert!(strange < 0.1, "{strange}");
-    assert_eq!((posterior.names.len(), posterior.measured.places.len()), (5, 5));
+    assert!(out_of_distribution < 0.1, "{out_of_distribution}");
+    assert_eq!((posterior.names.len(), posterior.measured.coordinates.len()), (5, 5));
 }
 
 #[test]

@@ -11,13 +11,14 @@ use gonio::picture::{Picture, Plane};
 use gonio::reflectance::MerlTable;
 use gonio::scene::{Circle, Detection, Object, ObservationSettings, SceneError};
 use gonio::suggestion::Suggestion;
-use gonio_app::notes::{self, ResultDocument};
+use gonio_app::document::{self, ShapeOrigin};
 use gonio_app::photograph::decode_picture;
 use gonio_app::results::{EARLIER_BRDF, LIGHT, LIGHT_ROWS, RESULT};
 use gonio_app::{AS_CAPTURED, Method};
 use gonio_io::picture::ReadOptions;
+use gonio_io::result::{self, ResultDocument};
 use gonio_io::rgl::{self, Channels};
-use gonio_report::panels::own_lights;
+use gonio_report::panels::builtin_lights;
 use gonio_report::report::sphere;
 use gonio_report::uncertainty;
 use serde_json::{Value, json};
@@ -124,7 +125,7 @@ impl Session {
         let scene_warnings = detection.scene_warnings.iter().map(ToString::to_string);
         let notes = json!({
             "circle": detection.circle(),
-            "sure": detection.sureness.map(|sure| sure.to_string()),
+            "sure": detection.reliability.map(|sure| sure.to_string()),
             "used": detection.observations.report.used,
             "warnings": self.warnings.iter().cloned().chain(scene_warnings).collect::<Vec<_>>(),
         });
@@ -149,12 +150,12 @@ impl Session {
             material.neighbours.iter().map(|n| json!({ "name": n.name, "weight": n.weight })).collect();
         let notes = json!({
             "verdict": material.verdict(),
-            "open": material.open,
+            "undetermined": material.undetermined_share,
             "diagnostics": material.diagnostics().iter().map(ToString::to_string).collect::<Vec<_>>(),
             "neighbours": neighbours,
             "coloured": !matches!(colouring, Colouring::Grey | Colouring::GreyPhotograph),
             "materials": views,
-            "lights": own_lights(ROWS).iter().map(|(name, map)| sphere::light(name, map.radiance())).collect::<Vec<_>>(),
+            "lights": builtin_lights(ROWS).iter().map(|(name, map)| sphere::light(name, map.radiance())).collect::<Vec<_>>(),
         });
         self.found = Some((material, colouring));
         Ok(notes)
@@ -222,33 +223,25 @@ impl Session {
             None => colouring,
         };
         let (material, light) = (material.clone(), light.clone());
-        let estimate = Estimate { material, light, colouring: colouring.clone(), tint: tint.clone() };
+        let estimate = Estimate { material, light, colouring: colouring.clone(), chromatic_light: tint.clone() };
         let scene_warnings = detection.scene_warnings.iter().map(ToString::to_string);
         let diagnostics = estimate.diagnostics();
         let warnings =
             self.warnings.iter().cloned().chain(scene_warnings).chain(diagnostics.iter().map(ToString::to_string));
-        let mut sections = notes::estimate(&estimate);
-        sections["settings"] = notes::settings(settings, false);
-        let mut result = ResultDocument {
-            image: &self.name,
-            method: Method::Learnt.name(),
-            model: &self.model,
-            observations: notes::detection(detection),
-            bracket: None,
-            colouring,
-            assumption: AS_CAPTURED,
-            warnings: &warnings.collect::<Vec<_>>(),
+        let mut document = document::new(Method::Learnt.name());
+        document::set_estimate(&mut document, &estimate, settings, false);
+        // The page does not offer this file.
+        document.reflectance.file = None;
+        let document = ResultDocument {
+            image: Some(self.name.clone()),
+            model: document::model(&self.model),
+            observations: Some(document::observations(detection, &ShapeOrigin::default(), false)),
+            colour: document::colour(colouring, AS_CAPTURED),
+            warnings: warnings.collect(),
             seconds: serde_json::from_str(seconds).unwrap_or_default(),
-            sections,
-        }
-        .result();
-        // The page does not offer the file of quantiles.
-        if let Some(reflectance) = result["reflectance"].as_object_mut() {
-            reflectance.remove("quantiles");
-            reflectance["note"] =
-                json!("brdf.binary is the mean of the posterior, in 1/sr with an albedo of 0.5 at normal incidence");
-        }
-        serde_json::to_string_pretty(&result).map_err(|e| e.to_string())
+            ..document
+        };
+        Ok(result::encode(&document))
     }
 
     fn known(&self) -> Result<(&Detection, &(Material, Colouring)), String> {

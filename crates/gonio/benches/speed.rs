@@ -10,7 +10,9 @@ use std::sync::LazyLock;
 use divan::{Bencher, black_box};
 use glam::{DVec3, Vec3};
 use gonio::inference::light::{InferenceSettings, LightInference, LightOperator};
-use gonio::inference::{Ensemble, Expectations, Hyper, Method, Problem, Solver, VariationalSettings, infer};
+use gonio::inference::{
+    Expectations, Hyperparameters, Method, Problem, Solver, VariationalParameters, VariationalSettings, infer,
+};
 use gonio::lighting::{LightGrid, LightPrior, PriorSettings, studio_light};
 use gonio::reflectance::BivariateTable;
 use gonio::reflectance::parametric::{Ggx, Parametric};
@@ -93,7 +95,7 @@ fn points(normals: usize) -> Vec<SurfacePoint> {
 }
 
 fn problem() -> Problem<'static> {
-    Problem::blind(&IMAGE, &WORLD.prior, &WORLD.rates, Hyper::default()).expect("the image is not black")
+    Problem::blind(&IMAGE, &WORLD.prior, &WORLD.rates, Hyperparameters::default()).expect("the image is not black")
 }
 
 /// Quadrature and sketch for a sphere with `normals` normals; the program uses 12,000.
@@ -108,7 +110,7 @@ fn plan(bencher: Bencher<'_, '_>, normals: usize) {
 #[divan::bench(sample_count = 20)]
 fn sweep(bencher: Bencher<'_, '_>) {
     let problem = problem();
-    let ensemble = Ensemble::random(&problem, 0.1, &mut Pcg64::seed_from_u64(3));
+    let ensemble = VariationalParameters::random(&problem, 0.1, &mut Pcg64::seed_from_u64(3));
     let now = Expectations::new(&problem, &ensemble);
     bencher.bench_local(|| now.update(&problem, black_box(&ensemble)));
 }
@@ -117,7 +119,7 @@ fn sweep(bencher: Bencher<'_, '_>) {
 #[divan::bench(sample_count = 20)]
 fn cost(bencher: Bencher<'_, '_>) {
     let problem = problem();
-    let ensemble = Ensemble::random(&problem, 0.1, &mut Pcg64::seed_from_u64(3));
+    let ensemble = VariationalParameters::random(&problem, 0.1, &mut Pcg64::seed_from_u64(3));
     bencher.bench_local(|| Expectations::new(&problem, black_box(&ensemble)).cost(&problem));
 }
 
@@ -142,7 +144,8 @@ fn grams(bencher: Bencher<'_, '_>) {
 #[divan::bench(args = [0, 10], sample_count = 10, sample_size = 1)]
 fn evidence(bencher: Bencher<'_, '_>, max_steps: usize) {
     let Projected { bilinear, target, outside, pixels } = &*IMAGE;
-    let inference = LightInference::new(target, *outside, *pixels, bilinear.m(), &WORLD.prior, Hyper::default());
+    let inference =
+        LightInference::new(target, *outside, *pixels, bilinear.m(), &WORLD.prior, Hyperparameters::default());
     let inference = inference.expect("the image is not black");
     let operator = LightOperator::of_reflectance(bilinear, &[0.1; WIDTHS.len()]);
     let settings = InferenceSettings { max_steps, tolerance: 0.0, ..InferenceSettings::default() };
@@ -188,7 +191,7 @@ fn visibility_of_12000_points(bencher: Bencher) {
     let (surface, camera) = &*BOWL;
     let seen: Vec<Viewpoint> = (0..512 * 512)
         .filter_map(|i| hit_at(surface, camera, i % 512, i / 512))
-        .map(|hit| Viewpoint { from: hit.clear, normal: hit.normal })
+        .map(|hit| Viewpoint { from: hit.ray_origin, normal: hit.normal })
         .collect();
     let points: Vec<Viewpoint> = (0..12_000).map(|i| seen[i * seen.len() / 12_000]).collect();
     bencher.bench(|| {

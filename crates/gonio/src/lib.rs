@@ -1,6 +1,30 @@
 //! Blind reflectometry: estimates the BRDF of an object of known shape, with its uncertainty, from
 //! one photograph under unknown light.
 //!
+//! ```
+//! use gonio::estimate::{EstimateSettings, estimate};
+//! use gonio::model::Model;
+//! use gonio::picture::Picture;
+//! use gonio::reflectance::BivariateTable;
+//! use gonio::scene::{Detection, Object, ObservationSettings};
+//!
+//! /// Returns the BRDF of a ball (red, green and blue) from a photograph of it. `clip` is the
+//! /// radiance at which the camera clips.
+//! fn brdf(
+//!     model: &Model,
+//!     photograph: &Picture,
+//!     clip: Option<f32>,
+//! ) -> Result<[BivariateTable; 3], Box<dyn std::error::Error>> {
+//!     let settings = ObservationSettings { clip, ..ObservationSettings::default() };
+//!     let ball = Detection::of(photograph, None, Object::Sphere(None), &settings)?;
+//!     let found = estimate(model, &ball.observations, &EstimateSettings::default(), &|_| ())?;
+//!     found.diagnostics().iter().for_each(|warning| eprintln!("warning: {warning}"));
+//!     Ok(found.brdf())
+//! }
+//! ```
+//!
+//! `gonio_io::picture::read` reads photographs, and `gonio_io::model::embedded` the model.
+//!
 //! Steps of the default method:
 //!
 //! 1. [`picture::Picture`]: linear RGB radiance, decoded by `gonio-io`; [`bracket::merge`] makes

@@ -2,7 +2,7 @@
 
 use thiserror::Error;
 
-use crate::appearance::disk::{CHANNELS, GLOBALS, SIDE};
+use crate::appearance::disk::{CHANNELS, DISK_SIDE, GLOBALS};
 use crate::colour::ColourModel;
 use crate::inference::learnt::LearntPosterior;
 use crate::lighting::{CoefficientPrior, LightPrior, PriorGroup};
@@ -277,20 +277,21 @@ pub fn check_posterior(posterior: &LearntPosterior) -> Result<(), ModelError> {
         if values.iter().all(|v| v.is_finite()) { Ok(()) } else { Err(PosteriorFault::NotFinite(what)) }
     };
     let filled = |what, there: bool| if there { Ok(()) } else { Err(PosteriorFault::Empty(what)) };
-    let LearntPosterior { names, measured, prior, coordinates, widths, encoder, ranges, colours } = posterior;
+    let LearntPosterior { names, measured, prior, latent_space: coordinates, widths, encoder, ranges, colours } =
+        posterior;
     let dimensions = coordinates.axes.len();
     filled("materials", !names.is_empty())?;
     filled("coordinates", dimensions > 0)?;
-    filled("materials of the prior", !prior.places.is_empty())?;
+    filled("materials of the prior", !prior.coordinates.is_empty())?;
     for table in [&coordinates.mean, widths].into_iter().chain(&coordinates.axes) {
         length("a table", table.len(), CELLS)?;
         finite("a table", table)?;
     }
-    length("the list of material coordinates", measured.places.len(), names.len())?;
+    length("the list of material coordinates", measured.coordinates.len(), names.len())?;
     let outputs = encoder.shape().outputs;
     for candidates in [measured, prior] {
-        length("the list of material embeddings", candidates.embeddings.len(), candidates.places.len())?;
-        for (place, embedding) in candidates.places.iter().zip(&candidates.embeddings) {
+        length("the list of material embeddings", candidates.embeddings.len(), candidates.coordinates.len())?;
+        for (place, embedding) in candidates.coordinates.iter().zip(&candidates.embeddings) {
             length("a place", place.len(), dimensions)?;
             length("an embedding", embedding.len(), outputs)?;
             finite("a place", place)?;
@@ -298,7 +299,7 @@ pub fn check_posterior(posterior: &LearntPosterior) -> Result<(), ModelError> {
         }
     }
     let shape = encoder.shape();
-    length("a side of the encoder's image", shape.side, SIDE)?;
+    length("a side of the encoder's image", shape.side, DISK_SIDE)?;
     length("a cell of the encoder's image", shape.channels, CHANNELS)?;
     length("the list of global image features", shape.globals, GLOBALS)?;
     length("the list of feature ranges", ranges.len(), shape.hidden.last().copied().unwrap_or(0))?;

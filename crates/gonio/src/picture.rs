@@ -17,13 +17,13 @@ pub struct Plane<T> {
 }
 
 /// Pixels in memory of another owner, which the `Arc` keeps alive.
-pub type Lent<T> = Arc<dyn AsRef<[T]> + Send + Sync>;
+pub type SharedBuffer<T> = Arc<dyn AsRef<[T]> + Send + Sync>;
 
 /// Storage of the pixels.
 #[derive(Clone)]
 enum Pixels<T> {
     Own(Vec<T>),
-    Lent(Lent<T>),
+    Lent(SharedBuffer<T>),
 }
 
 impl<T> Plane<T> {
@@ -40,7 +40,7 @@ impl<T> Plane<T> {
     ///
     /// # Panics
     /// If the length of `data` is not `width * height`.
-    pub fn lent(width: usize, height: usize, data: Lent<T>) -> Self {
+    pub fn from_shared(width: usize, height: usize, data: SharedBuffer<T>) -> Self {
         assert_eq!(
             (*data).as_ref().len(),
             width * height,
@@ -193,7 +193,7 @@ mod tests {
     #[test]
     fn lent_pixels_are_copied_on_the_first_change() {
         let owner = Arc::new(vec![1, 2, 3, 4]);
-        let mut plane = Plane::lent(2, 2, owner.clone());
+        let mut plane = Plane::from_shared(2, 2, owner.clone());
         assert_eq!(plane.as_slice().as_ptr(), owner.as_ptr());
         assert_eq!(plane, Plane::from_vec(2, 2, vec![1, 2, 3, 4]));
         plane[(1, 0)] = 7;

@@ -140,7 +140,7 @@ class GONIO_OT_infer(bpy.types.Operator):
         if target.gonio.world:
             target.world = scene.world(self._name, self._run.exported, self._turn)
         found = json.loads((self._run.results / "result.json").read_text(encoding="utf-8"))
-        target.gonio.said = found["posterior"]["gloss"]["verdict"]
+        target.gonio.said = found["posterior"]["highlight"]["verdict"]
         report = self._run.results / "report.html"
         target.gonio.report = report.as_uri() if report.is_file() else ""
         for warning in self._run.warnings:

@@ -9,7 +9,7 @@ use clap::{Command, CommandFactory};
 use gonio_app::compare::PAGE;
 use gonio_io::table::Table;
 
-use super::{NOTES, TABLE};
+use super::{OUTCOMES, TABLE};
 use crate::Args;
 use crate::help::is_picture;
 
@@ -129,7 +129,7 @@ fn row(columns: &[Column], cells: &[String], base: &Path, output: &Path) -> Resu
     let Some(first) = images.first() else { bail!("the cell of column \"image\" is empty; specify a photograph") };
     let of_image = || Path::new(first).file_stem().map(|s| s.to_string_lossy().into_owned());
     let name = name.or_else(of_image).unwrap_or_default();
-    let taken = [NOTES, TABLE, PAGE];
+    let taken = [OUTCOMES, TABLE, PAGE];
     let plain = |c: char| c.is_alphanumeric() || matches!(c, '-' | '_' | '.' | ' ' | '+' | '=');
     if name.is_empty() || name.starts_with('.') || taken.contains(&name.as_str()) || !name.chars().all(plain) {
         bail!("{name:?} is not a valid folder name; use letters, digits, -, _ and .");

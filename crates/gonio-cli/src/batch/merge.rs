@@ -3,27 +3,30 @@
 use std::path::Path;
 
 use anyhow::{Result, anyhow, bail};
-use gonio_app::compare::{self, Given, PAGE};
+use gonio_app::compare::{self, ComparedFolder, PAGE};
+use gonio_app::results::document_in;
 use gonio_io::atomic::write_file;
-use gonio_io::notes;
 use gonio_io::table::Table;
-use serde_json::{Value, json};
+use serde_json::json;
 
 use super::manifest::Row;
-use super::{NOTES, Note, TABLE, read_note};
+use super::{OUTCOMES, RowOutcome, TABLE, read_outcome};
 use crate::outcome::Outcome;
 
-const COLUMNS: [&str; 13] = [
+const COLUMNS: [&str; 16] = [
     "name",
     "status",
     "seconds",
     "material",
     "weight",
-    "gloss_5",
-    "gloss_50",
-    "gloss_95",
+    "roughness_5",
+    "roughness_50",
+    "roughness_95",
+    "peak_to_body_5",
+    "peak_to_body_50",
+    "peak_to_body_95",
     "undetermined",
-    "strangeness",
+    "out_of_distribution",
     "misfit",
     "warnings",
     "error",
@@ -34,7 +37,7 @@ const COLUMNS: [&str; 13] = [
 pub(super) fn merge(output: &Path, rows: Option<&[Row]>, page: bool) -> Result<Outcome> {
     let names: Vec<String> = match rows {
         Some(rows) => rows.iter().map(|row| row.name.clone()).collect(),
-        None => noted(output)?,
+        None => recorded_names(output)?,
     };
     if names.is_empty() {
         bail!("{}: contains no results of gonio batch", output.display());
@@ -43,7 +46,7 @@ pub(super) fn merge(output: &Path, rows: Option<&[Row]>, page: bool) -> Result<O
     let mut counts = [0_usize; 3];
     let mut all = Vec::new();
     for name in names {
-        let note = read_note(output, &name);
+        let note = read_outcome(output, &name);
         let status = match &note {
             None => 2,
             Some(note) => usize::from(note.error.is_some()),
@@ -62,7 +65,7 @@ pub(super) fn merge(output: &Path, rows: Option<&[Row]>, page: bool) -> Result<O
 }
 
 /// Writes the page of all rows, unless gonio did not write the existing file.
-fn write_page(page: &Path, all: &[Given]) -> Result<Vec<String>> {
+fn write_page(page: &Path, all: &[ComparedFolder]) -> Result<Vec<String>> {
     if page.exists() && !compare::is_page(page) {
         let warning = format!(
             "{}: exists and was not written by gonio; rename it so that gonio can write the page",
@@ -75,25 +78,25 @@ fn write_page(page: &Path, all: &[Given]) -> Result<Vec<String>> {
 }
 
 /// Returns the results of all rows with a recorded outcome, for a page.
-pub(crate) fn given_of(output: &Path) -> Result<Vec<Given>> {
+pub(crate) fn given_of(output: &Path) -> Result<Vec<ComparedFolder>> {
     let of = |name: String| {
-        let note = read_note(output, &name);
+        let note = read_outcome(output, &name);
         given(output, name, note)
     };
-    Ok(noted(output)?.into_iter().map(of).collect())
+    Ok(recorded_names(output)?.into_iter().map(of).collect())
 }
 
-fn given(output: &Path, name: String, note: Option<Note>) -> Given {
+fn given(output: &Path, name: String, note: Option<RowOutcome>) -> ComparedFolder {
     let failed = match note {
         None => Some("not yet inferred".to_owned()),
         Some(note) => note.error,
     };
-    Given { folder: output.join(&name), name, failed }
+    ComparedFolder { folder: output.join(&name), name, failed }
 }
 
 /// Lists the names of all rows with a recorded outcome.
-fn noted(output: &Path) -> Result<Vec<String>> {
-    let notes = output.join(NOTES);
+fn recorded_names(output: &Path) -> Result<Vec<String>> {
+    let notes = output.join(OUTCOMES);
     let failed = |error: std::io::Error| {
         let shown = notes.display();
         anyhow!("{shown}: cannot list this folder: {error}; specify the output folder of gonio batch")
@@ -111,26 +114,29 @@ fn noted(output: &Path) -> Result<Vec<String>> {
     Ok(names)
 }
 
-fn record(output: &Path, name: &str, status: &str, note: Option<&Note>) -> Vec<String> {
-    let result: Value = match note {
-        Some(note) if note.error.is_none() => notes::read(&output.join(name).join("result.json")).unwrap_or_default(),
-        _ => Value::Null,
-    };
-    let number =
-        |pointer: &str| result.pointer(pointer).and_then(Value::as_f64).map(|v| format!("{v:.4}")).unwrap_or_default();
-    let nearest = result.pointer("/posterior/materials/0/name").and_then(Value::as_str).unwrap_or_default();
+fn record(output: &Path, name: &str, status: &str, note: Option<&RowOutcome>) -> Vec<String> {
+    let result = note.filter(|note| note.error.is_none()).and_then(|_| document_in(&output.join(name)));
+    let posterior = result.as_ref().and_then(|result| result.posterior.as_ref());
+    let residual = result.as_ref().and_then(|result| result.residual);
+    let number = |value: Option<f64>| value.map(|v| format!("{v:.4}")).unwrap_or_default();
+    let roughness = posterior.and_then(|posterior| posterior.highlight.roughness);
+    let peak = posterior.map(|posterior| posterior.highlight.peak_to_body.quantiles);
+    let nearest = posterior.and_then(|posterior| posterior.materials.first());
     vec![
         name.to_owned(),
         status.to_owned(),
         note.map(|n| format!("{:.1}", n.seconds)).unwrap_or_default(),
-        nearest.to_owned(),
-        number("/posterior/materials/0/weight"),
-        number("/posterior/gloss/5"),
-        number("/posterior/gloss/50"),
-        number("/posterior/gloss/95"),
-        number("/posterior/undetermined"),
-        number("/posterior/strangeness"),
-        number("/noise/misfit"),
+        nearest.map(|material| material.name.clone()).unwrap_or_default(),
+        number(nearest.map(|material| material.weight)),
+        number(roughness.map(|quantiles| quantiles.low)),
+        number(roughness.map(|quantiles| quantiles.median)),
+        number(roughness.map(|quantiles| quantiles.high)),
+        number(peak.map(|quantiles| quantiles.low)),
+        number(peak.map(|quantiles| quantiles.median)),
+        number(peak.map(|quantiles| quantiles.high)),
+        number(posterior.map(|posterior| posterior.undetermined)),
+        number(posterior.and_then(|posterior| posterior.out_of_distribution)),
+        number(residual.map(|residual| residual.misfit)),
         note.map(|n| n.warnings.join("; ")).unwrap_or_default(),
         note.and_then(|n| n.error.clone()).unwrap_or_default(),
     ]

@@ -15,7 +15,7 @@ use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
 use gonio_io::atomic::write_file;
-use gonio_io::notes;
+
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 
@@ -27,14 +27,14 @@ pub(crate) use merge::given_of;
 use shard::Shard;
 
 /// Folder of the rows' outcomes, within the folder of results.
-pub(crate) const NOTES: &str = "rows";
+pub(crate) const OUTCOMES: &str = "rows";
 
 /// Table of all rows, in the folder of results.
 const TABLE: &str = "batch.csv";
 
 /// Options of `gonio batch`.
 #[derive(clap::Args)]
-pub(crate) struct Options {
+pub(crate) struct BatchOptions {
     /// Photographs, or a CSV table of photographs and options
     ///
     /// gonio writes the results of each photograph to a folder named after the photograph. A table
@@ -61,7 +61,7 @@ pub(crate) struct Options {
 
 /// Outcome of a row.
 #[derive(Debug, Serialize, Deserialize)]
-struct Note {
+struct RowOutcome {
     name: String,
     /// Arguments of `gonio infer`; the row is inferred again if they change.
     arguments: Vec<String>,
@@ -71,7 +71,7 @@ struct Note {
     warnings: Vec<String>,
 }
 
-pub(crate) fn run(options: &Options) -> Result<Outcome> {
+pub(crate) fn run(options: &BatchOptions) -> Result<Outcome> {
     let rows = match &options.input[..] {
         [] => None,
         [table] if !help::is_picture(table) => Some(manifest::read(table, &options.output)?),
@@ -84,10 +84,10 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     let shard = options.shard.map_or_else(shard::of_slurm, |shard| Ok(Some(shard)))?;
     let own: Vec<&Row> =
         rows.iter().enumerate().filter(|(i, _)| shard.is_none_or(|s| s.has(*i))).map(|(_, r)| r).collect();
-    let noted = options.output.join(NOTES);
+    let noted = options.output.join(OUTCOMES);
     std::fs::create_dir_all(&noted).with_context(|| format!("{}: cannot create this folder", noted.display()))?;
     let is_open = |(_, row): &(usize, &Row)| {
-        read_note(&options.output, &row.name).is_none_or(|note| {
+        read_outcome(&options.output, &row.name).is_none_or(|note| {
             note.error.is_some() || note.arguments != row.arguments || !row.folder.join("result.json").is_file()
         })
     };
@@ -129,7 +129,7 @@ fn infer_rows(rows: &[(usize, &Row)], count: usize, output: &Path) -> Result<Vec
             let Some((place, row)) = rows.get(next.fetch_add(1, Ordering::Relaxed)) else { return Ok(failed) };
             let note = pool.install(|| infer_row(row));
             let text = serde_json::to_string_pretty(&note).context("the outcome of a row cannot be encoded as JSON")?;
-            write_file(note_path(output, &row.name), text.as_bytes())?;
+            write_file(outcome_path(output, &row.name), text.as_bytes())?;
             let end = note.error.as_ref().map_or_else(|| format!("{:.1} s", note.seconds), |e| format!("failed: {e}"));
             if note.error.is_some() || !is_quiet() {
                 eprintln!("[{}/{count}] {}: {end}", place + 1, row.name);
@@ -150,7 +150,7 @@ fn infer_rows(rows: &[(usize, &Row)], count: usize, output: &Path) -> Result<Vec
 }
 
 /// Infers a row and records its outcome, errors and panics included.
-fn infer_row(row: &Row) -> Note {
+fn infer_row(row: &Row) -> RowOutcome {
     let start = Instant::now();
     let whole = || -> Result<Vec<String>> {
         let words = ["gonio", "infer"].into_iter().map(str::to_owned).chain(row.arguments.iter().cloned());
@@ -164,7 +164,7 @@ fn infer_row(row: &Row) -> Note {
         Ok(Err(error)) => (Some(crate::one_line(&format!("{error:#}"))), Vec::new()),
         Err(_) => (Some("internal error; please report this bug".to_owned()), Vec::new()),
     };
-    Note {
+    RowOutcome {
         name: row.name.clone(),
         arguments: row.arguments.clone(),
         seconds: start.elapsed().as_secs_f64(),
@@ -173,12 +173,12 @@ fn infer_row(row: &Row) -> Note {
     }
 }
 
-fn note_path(output: &Path, name: &str) -> PathBuf {
-    output.join(NOTES).join(format!("{name}.json"))
+fn outcome_path(output: &Path, name: &str) -> PathBuf {
+    output.join(OUTCOMES).join(format!("{name}.json"))
 }
 
 /// Reads the outcome of an earlier run. Returns `None` if the file is missing or damaged; gonio
 /// then infers the row again.
-fn read_note(output: &Path, name: &str) -> Option<Note> {
-    serde_json::from_value(notes::read(&note_path(output, name)).ok()?).ok()
+fn read_outcome(output: &Path, name: &str) -> Option<RowOutcome> {
+    gonio_io::json::read(&outcome_path(output, name)).ok()
 }

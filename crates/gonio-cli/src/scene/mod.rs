@@ -127,7 +127,7 @@ impl SceneOptions {
         self.check()?;
         Ok(Scene {
             name: input::name(&self.images),
-            shots: input::shots(&self.images)?,
+            photograph: input::shots(&self.images)?,
             reading: self.reading.reading(),
             clip: self.clip,
             mask: self.mask.clone().map(Source::File),

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use gonio::scene::Correction;
 use gonio::shape::DepthKind;
-use gonio_app::{Form, Normals, Places, Shape, Source};
+use gonio_app::{NormalMap, PositionSource, Shape, ShapeKind, Source};
 
 use super::SceneOptions;
 
@@ -87,10 +87,10 @@ fn parse_range(text: &str) -> Result<(f64, f64), String> {
 }
 
 impl NormalOptions {
-    fn normals(&self, picture: PathBuf) -> Normals {
+    fn normals(&self, picture: PathBuf) -> NormalMap {
         let kind = if self.depth_along_rays { DepthKind::AlongRay } else { DepthKind::AlongAxis };
-        let depth = self.depth.clone().map(|path| Places::Depth(Source::File(path), self.depth_range, kind));
-        Normals {
+        let depth = self.depth.clone().map(|path| PositionSource::Depth(Source::File(path), self.depth_range, kind));
+        NormalMap {
             picture: Source::File(picture),
             correction: Correction {
                 order: self.normals_order.0,
@@ -100,7 +100,8 @@ impl NormalOptions {
             },
             trusted: self.trust_normals,
             error: self.normals_error.to_radians(),
-            places: depth.or_else(|| self.positions.clone().map(|path| Places::Positions(Source::File(path)))),
+            positions: depth
+                .or_else(|| self.positions.clone().map(|path| PositionSource::Positions(Source::File(path)))),
         }
     }
 }
@@ -112,10 +113,10 @@ impl SceneOptions {
             return shape;
         }
         let form = match (&self.normals, self.shape) {
-            (Some(picture), _) => Form::Normals(Box::new(self.normal_options.normals(picture.clone()))),
-            (None, ShapeName::Sphere) => Form::Sphere(self.circle.first().copied()),
-            (None, ShapeName::Ellipsoid) => Form::Ellipsoid(self.depth_axis),
-            (None, ShapeName::Outline) => Form::Outline,
+            (Some(picture), _) => ShapeKind::Normals(Box::new(self.normal_options.normals(picture.clone()))),
+            (None, ShapeName::Sphere) => ShapeKind::Sphere(self.circle.first().copied()),
+            (None, ShapeName::Ellipsoid) => ShapeKind::Ellipsoid(self.depth_axis),
+            (None, ShapeName::Outline) => ShapeKind::Outline,
         };
         Shape { camera: self.surface.camera.clone().map(Source::File), ..Shape::of(form) }
     }

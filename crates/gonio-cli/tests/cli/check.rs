@@ -24,7 +24,7 @@ fn describes_and_draws_the_detection() {
     assert!(run.stdout.contains("ball, circle 24.0,24.0,2"), "{run:?}");
     assert!(run.stdout.contains("12 clipped, 2 faulty"), "{run:?}");
     assert!(run.stdout.ends_with("see faulty.exr-check.png\n"), "{run:?}");
-    assert!(run.stderr.contains("faulty.exr: 12 of"), "{run:?}");
+    assert!(run.stderr.contains("faulty.exr: gonio ignores 12 of"), "{run:?}");
     let drawn =
         read(bench.path("faulty.exr-check.png"), &ReadOptions { linear: true, ..ReadOptions::default() }).unwrap();
     let drawn = drawn.picture.rgb;
@@ -47,7 +47,7 @@ fn json_contains_the_detection() {
     let found: serde_json::Value = serde_json::from_str(&run.stdout).unwrap();
     assert_eq!((&found["output"], &found["image"], &found["width"]), (&"x.png".into(), &"ball.exr".into(), &48.into()));
     let ball = &found["objects"][0];
-    assert!((ball["circle"]["radius"].as_f64().unwrap() - 22.6).abs() < 1.5, "{ball}");
+    assert!((ball["shape"]["circle"]["radius"].as_f64().unwrap() - 22.6).abs() < 1.5, "{ball}");
     assert!((ball["coverage"].as_f64().unwrap() - 0.75).abs() < 0.15, "{ball}");
     assert_eq!(ball["report"]["clipped_pixels"], 0);
     assert_eq!(bench.names("."), ["ball.exr", "normals.npy", "x.png"]);

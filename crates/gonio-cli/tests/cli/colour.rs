@@ -31,8 +31,8 @@ fn colour_options_preserve_the_luminance() {
     assert!(r.as_slice().iter().zip(g.as_slice()).all(|(r, g)| (r / g - 1.6 / 0.7).abs() < 1e-3));
     let colour = |out: &str| bench.json(&format!("{out}/result.json"))["colour"].clone();
     let body = |out: &str| colour(out)["body"]["log_chroma"][0].as_f64().unwrap();
-    assert_eq!(colour("grey")["how"], "none");
-    assert_eq!(colour("estimate")["how"], "estimate");
+    assert_eq!(colour("grey")["source"], "none");
+    assert_eq!(colour("estimate")["source"], "estimate");
     // The BRDF is red under white light, and grey under red light.
     assert!(body("estimate") > 0.3 && body("given").abs() < 0.25, "{} {}", body("estimate"), body("given"));
     let low = colour("estimate")["body"]["interval_90"][0][0].as_f64().unwrap();
@@ -46,7 +46,7 @@ fn a_grey_photograph_gives_a_grey_brdf() {
     bench.run("infer grey.exr -o out --grid 8").succeeds();
     let [r, g, b] = bench.channels("out");
     assert!(r == g && g == b);
-    assert_eq!(bench.json("out/result.json")["colour"]["how"], "grey photograph");
+    assert_eq!(bench.json("out/result.json")["colour"]["source"], "grey photograph");
 }
 
 #[test]

@@ -14,7 +14,7 @@ fn seen() -> Bench {
     gonio_io::merl::write(bench.path("dull.binary"), &merl(&material(0.5, 0.02))).unwrap();
     let light: EnvironmentMap = studio_light(32);
     for (name, turn) in [("a", 0), ("b", 25)] {
-        bench.write(&format!("{name}.hdr"), &encode_hdr(light.turned(turn).radiance()));
+        bench.write(&format!("{name}.hdr"), &encode_hdr(light.shifted_columns(turn).radiance()));
     }
     for (name, brdf, light) in [("one", "shiny", "a"), ("two", "shiny", "b"), ("other", "dull", "b")] {
         bench.run(&format!("render --brdf {brdf}.binary --light {light}.hdr -o {name}.exr --size 64")).succeeds();

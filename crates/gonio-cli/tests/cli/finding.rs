@@ -51,7 +51,7 @@ fn exr_of(rgb: Plane<Vec3>) -> Vec<u8> {
 
 #[track_caller]
 fn circle_of(notes: &Value) -> [f64; 3] {
-    ["x", "y", "radius"].map(|name| notes["circle"][name].as_f64().unwrap_or_else(|| panic!("{notes}")))
+    ["x", "y", "radius"].map(|name| notes["shape"]["circle"][name].as_f64().unwrap_or_else(|| panic!("{notes}")))
 }
 
 #[track_caller]
@@ -64,17 +64,17 @@ fn detects_a_ball_on_a_texture_and_reports_the_confidence() {
     let bench = Bench::new();
     bench.write("ball.exr", &exr_of(photograph(&[(120, 50)], texture)));
     let run = bench.run("infer ball.exr -o out --grid 8").succeeds();
-    assert!(run.stdout.contains("ball detected by its edges: "), "{run:?}");
+    assert!(run.stdout.contains("ball detected by its edges, which cover "), "{run:?}");
     let observations = &bench.json("out/result.json")["observations"];
     assert_near(circle_of(observations), [222.0, 152.0, 100.0]);
-    assert!(observations["sureness"]["support"].as_f64().unwrap() > 0.6, "{observations}");
+    assert!(observations["detection"]["support"].as_f64().unwrap() > 0.6, "{observations}");
     let run = bench.run("check ball.exr").succeeds();
-    assert!(run.stdout.contains("detected by its edges: "), "{run:?}");
+    assert!(run.stdout.contains("detected by its edges, which cover "), "{run:?}");
     // On a plain background, the detection does not use edges.
     bench.write("plain.exr", &exr_of(photograph(&[(120, 50)], |_, _| Vec3::splat(0.05))));
     let run = bench.run("check plain.exr --json").succeeds();
     let found: Value = serde_json::from_str(&run.stdout).unwrap();
-    assert!(found["objects"][0].get("sureness").is_none(), "{found}");
+    assert!(found["objects"][0].get("detection").is_none(), "{found}");
     assert_near(circle_of(&found["objects"][0]), [222.0, 152.0, 100.0]);
 }
 

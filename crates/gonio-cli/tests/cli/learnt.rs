@@ -32,13 +32,15 @@ fn reports_the_posterior_of_materials() {
     let weights: Vec<f64> = materials.iter().map(|m| m["weight"].as_f64().unwrap()).collect();
     assert!(weights.is_sorted_by(|a, b| a >= b) && weights.iter().all(|w| (0.005..=1.0).contains(w)), "{weights:?}");
     assert!(materials.iter().all(|m| !m["name"].as_str().unwrap().is_empty()));
-    for share in ["undetermined", "strangeness"] {
+    for share in ["undetermined", "out_of_distribution"] {
         assert!(posterior[share].as_f64().is_some_and(|x| (0.0..=1.0).contains(&x)), "{posterior}");
     }
-    assert!(posterior["filled"].as_u64().unwrap() < posterior["normals"].as_u64().unwrap());
-    let gloss = ["5", "50", "95"].map(|q| posterior["gloss"][q].as_f64().unwrap());
-    assert!(0.0 < gloss[0] && gloss[0] <= gloss[1] && gloss[1] <= gloss[2], "{gloss:?}");
-    let misfit = result["noise"]["misfit"].as_f64().unwrap();
+    assert!(posterior["filled_cells"].as_u64().unwrap() < posterior["disk_cells"].as_u64().unwrap());
+    for measure in ["roughness", "peak_to_body"] {
+        let [low, median, high] = ["5", "50", "95"].map(|q| posterior["highlight"][measure][q].as_f64().unwrap());
+        assert!(0.0 < low && low <= median && median <= high, "{measure}: {low} {median} {high}");
+    }
+    let misfit = result["residual"]["misfit"].as_f64().unwrap();
     assert!((0.0..0.4).contains(&misfit), "{misfit}");
     assert_eq!(result["light"]["coefficients"].as_array().unwrap().len(), 64);
 }
@@ -93,9 +95,9 @@ fn warns_about_half_a_ball() {
     bench.write("half.npy", &encode_normals(&half));
     let run = bench.run("infer ball.exr -o out --grid 8 --normals half.npy").succeeds();
     assert!(
-        run.stderr.lines().any(|l| l.starts_with("warning: ball.exr: ") && l.contains("were interpolated")),
+        run.stderr.lines().any(|l| l.starts_with("warning: ball.exr: ") && l.contains("gonio interpolated")),
         "{run:?}"
     );
     let warnings = bench.json("out/result.json")["warnings"].to_string();
-    assert!(warnings.contains("were interpolated"), "{warnings}");
+    assert!(warnings.contains("gonio interpolated"), "{warnings}");
 }

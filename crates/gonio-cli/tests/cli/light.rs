@@ -101,7 +101,7 @@ fn combines_two_views() {
     let line = "light chrome.exr --second side.exr -o probe.exr --reflectance 0.6 --json";
     let found: serde_json::Value = serde_json::from_str(&bench.run(line).succeeds().stdout).unwrap();
     let views = &found["views"];
-    assert!((views["turn_degrees"].as_f64().unwrap() - 90.0).abs() < 0.5 && views["found"] == true, "{found}");
+    assert!((views["azimuth_degrees"].as_f64().unwrap() - 90.0).abs() < 0.5 && views["estimated"] == true, "{found}");
     assert!(found["unseen"].as_f64().unwrap() < 1e-6 && views["difference"].as_f64().unwrap() < 0.05, "{found}");
     assert_eq!((&found["output"], &found["picture"]), (&"probe.exr".into(), &"probe.light.png".into()));
     assert_eq!(
@@ -183,7 +183,7 @@ fn infers_a_brdf_with_a_mirror_ball_in_the_photograph() {
     assert_eq!(result["known_light"]["map"], "the mirror ball in the photograph");
     assert_eq!(result["reflectance"]["absolute"], true);
     assert_eq!(result["warnings"], serde_json::json!([]), "{}", result["warnings"]);
-    let circle = &result["observations"]["circle"];
+    let circle = &result["observations"]["shape"]["circle"];
     assert!(
         (circle["x"].as_f64().unwrap() - 232.0).abs() < 0.5 && circle["radius"].as_f64().unwrap() < 33.0,
         "{circle}"

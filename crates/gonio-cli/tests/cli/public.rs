@@ -17,7 +17,7 @@ fn with(files: &[&str]) -> Bench {
 /// Returns the median roughness of an inference.
 fn roughness(bench: &Bench, line: &str) -> f64 {
     bench.run(&format!("infer {line} -o out --grid 8 --no-report")).succeeds();
-    bench.json("out/result.json")["posterior"]["gloss"]["roughness"]["50"].as_f64().unwrap()
+    bench.json("out/result.json")["posterior"]["highlight"]["roughness"]["50"].as_f64().unwrap()
 }
 
 #[test]

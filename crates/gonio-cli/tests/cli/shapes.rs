@@ -54,15 +54,15 @@ fn renders_a_mesh_with_self_shadowing() {
 fn self_shadowing_reduces_the_misfit_of_a_mesh() {
     let (bench, result) = (with_bowl(), &BOWL.answer);
     let observations = &result["observations"];
-    assert_eq!(observations["visibility"]["hidden"], true, "{observations}");
+    assert_eq!(observations["visibility"]["occluded"], true, "{observations}");
     assert!(observations["shape"]["mesh"].as_str().unwrap().ends_with("bowl.ply"));
     assert!(observations["report"]["used"].as_u64().unwrap() > 1000, "{observations}");
-    assert!(result["posterior"]["unshadowed"].as_f64().unwrap() > 0.05, "{}", result["posterior"]);
+    assert!(result["posterior"]["self_shadowing"].as_f64().unwrap() > 0.05, "{}", result["posterior"]);
     bench.run("infer bowl.exr --mesh bowl.ply -o plain --grid 8 --no-shadows").succeeds();
     let plain = bench.json("plain/result.json");
-    assert_eq!(plain["posterior"]["unshadowed"], 0.0);
+    assert_eq!(plain["posterior"]["self_shadowing"], 0.0);
     // Self-shadowing explains a part of the picture.
-    let misfit = |r: &Value| r["noise"]["misfit"].as_f64().unwrap();
+    let misfit = |r: &Value| r["residual"]["misfit"].as_f64().unwrap();
     assert!(misfit(result) < 0.8 * misfit(&plain), "{} {}", misfit(result), misfit(&plain));
 }
 
@@ -73,7 +73,7 @@ fn self_shadowing_reduces_the_misfit_under_a_known_light() {
     bench.run(&format!("{run} -o out")).succeeds();
     bench.run(&format!("{run} -o plain --no-shadows")).succeeds();
     let [shadowed, plain] =
-        ["out", "plain"].map(|out| bench.json(&format!("{out}/result.json"))["noise"]["misfit"].as_f64().unwrap());
+        ["out", "plain"].map(|out| bench.json(&format!("{out}/result.json"))["residual"]["misfit"].as_f64().unwrap());
     assert!(shadowed < 0.6 * plain, "{shadowed} {plain}");
 }
 
@@ -93,8 +93,8 @@ fn normals_with_depths_have_self_shadowing() {
     bench.write("depth.npy", &npy::encode(&npy::Array { shape: vec![64, 64], values: depths.collect() }));
     bench.run("infer bowl.exr --normals normals.npy --depth depth.npy -o out --grid 8").succeeds();
     let result = bench.json("out/result.json");
-    assert_eq!(result["observations"]["visibility"]["hidden"], true);
-    assert!(result["posterior"]["unshadowed"].as_f64().unwrap() > 0.05);
+    assert_eq!(result["observations"]["visibility"]["occluded"], true);
+    assert!(result["posterior"]["self_shadowing"].as_f64().unwrap() > 0.05);
     bench.refuses(
         "infer bowl.exr --normals normals.npy --positions depth.npy -o x",
         &["depth.npy: a position map requires a camera"],
@@ -150,7 +150,7 @@ fn fits_ellipsoids_and_balls_in_perspective() {
     bench.refuses("infer near.exr -o x", &["near.exr", "--camera"]);
     bench.run("infer near.exr --camera camera.json -o near --grid 8").succeeds();
     let found = bench.json("near/result.json");
-    let centre = &found["observations"]["shape"]["ball"]["centre"];
+    let centre = &found["observations"]["shape"]["centre"];
     let want = DVec3::new(0.75, 0.1, -1.6).normalize();
     for (i, want) in want.to_array().into_iter().enumerate() {
         assert!((centre[i].as_f64().unwrap() - want).abs() < 0.01, "{centre} {want}");
@@ -194,23 +194,26 @@ fn inflates_outlines() {
     let render = "render --brdf in.binary --light light.hdr --size 96 --tolerance 1";
     bench.run(&format!("{render} -o ball.exr")).succeeds();
     bench.run(&format!("{render} --mesh bunny -o bunny.exr")).succeeds();
-    let gloss = |line: &str| {
+    let peak = |line: &str| {
         bench.run(&format!("infer {line} --grid 8 --no-report -o out")).succeeds();
         let result = bench.json("out/result.json");
-        (result["posterior"]["gloss"]["50"].as_f64().unwrap(), result["observations"]["shape"].clone())
+        (
+            result["posterior"]["highlight"]["peak_to_body"]["50"].as_f64().unwrap(),
+            result["observations"]["shape"].clone(),
+        )
     };
     // The inflated outline of a ball is the ball.
-    let (as_ball, _) = gloss("ball.exr");
-    let (as_outline, shape) = gloss("ball.exr --shape outline");
+    let (as_ball, _) = peak("ball.exr");
+    let (as_outline, shape) = peak("ball.exr --shape outline");
     assert!((as_outline / as_ball).ln().abs() < 0.4, "{as_ball} {as_outline}");
-    assert!(shape["outline"]["depth_factor"].as_f64().unwrap() > 0.97, "{shape}");
-    let (_, shape) = gloss("bunny.exr --shape outline");
+    assert!(shape["depth_factor"].as_f64().unwrap() > 0.97, "{shape}");
+    let (_, shape) = peak("bunny.exr --shape outline");
     // The picture of the normals is a normal map.
     let inflated = gonio_io::normals::read_normals(bench.path("out/normals.png")).unwrap();
     assert!((inflated[(48, 60)].length() - 1.0).abs() < 0.02 && inflated[(0, 0)] == Vec3::ZERO);
     bench.run("infer bunny.exr --normals out/normals.png --grid 8 --no-report -o again").succeeds();
     assert!(!bench.path("again/normals.png").exists());
-    assert!((0.7..0.97).contains(&shape["outline"]["depth_factor"].as_f64().unwrap()), "{shape}");
+    assert!((0.7..0.97).contains(&shape["depth_factor"].as_f64().unwrap()), "{shape}");
     let said = bench.run("check bunny.exr --shape outline").succeeds().stdout;
     assert!(said.contains("surface inflated from the outline"), "{said}");
     bench.write("camera.json", br#"{"projection": "perspective", "focal_pixels": 400}"#);
@@ -288,10 +291,10 @@ fn warns_about_unusual_meshes() {
     assert!(!BOWL.said.contains("mesh"), "{}", BOWL.said);
     // The same pixels show the mesh, now its inside; a few pixels at thin triangles may differ.
     let (odd, want) = (&bench.json("out/result.json")["observations"], &BOWL.answer["observations"]);
-    assert_eq!(odd["visibility"]["hidden"], true);
+    assert_eq!(odd["visibility"]["occluded"], true);
     let count = |of: &Value, what: [&str; 2]| of[what[0]][what[1]].as_f64().unwrap();
     assert!((count(odd, ["report", "used"]) / count(want, ["report", "used"]) - 1.0).abs() < 0.03, "{odd} {want}");
-    let inside = |of: &Value| count(of, ["pixels", "inside"]) / count(of, ["pixels", "seen"]);
+    let inside = |of: &Value| count(of, ["surface", "back_facing"]) / count(of, ["surface", "pixels"]);
     assert!(inside(odd) > 0.95 && inside(want) < 0.05, "{odd} {want}");
 }
 

@@ -11,7 +11,7 @@ use crate::support::{Bench, grey, material, merl};
 pub(crate) fn lights(bench: &Bench) {
     std::fs::create_dir(bench.path("lights")).unwrap();
     for (i, turn) in [0, 5, 11].into_iter().enumerate() {
-        let mut light = studio_light(16).turned(turn).radiance().clone();
+        let mut light = studio_light(16).shifted_columns(turn).radiance().clone();
         let width = light.width();
         for (at, p) in light.as_mut_slice().iter_mut().enumerate() {
             *p *= 1.0 + 0.5 * ((at % width) as f32 * 0.4 + (i * (at / width)) as f32 * 0.3).sin();

@@ -242,7 +242,7 @@ def ball_found(program, photograph, folder):
     given = [*inputs["Base Color"].default_value[:3], *(inputs[n].default_value for n in ("Metallic", "Roughness", "IOR"))]
     wanted = [*found["base_color"], found["metalness"], found["roughness"], found["ior"]]
     check(f"a ball: its material is {np.round(given, 3).tolist()}, as exported", np.allclose(given, wanted, rtol=1e-5))
-    verdict = json.loads((results / "result.json").read_text())["posterior"]["gloss"]["verdict"]
+    verdict = json.loads((results / "result.json").read_text())["posterior"]["highlight"]["verdict"]
     check(f"a ball: the panel says: {scene.gonio.said}", scene.gonio.said == verdict and scene.gonio.report.endswith("/report.html"))
     light = next(n for n in scene.world.node_tree.nodes if n.type == "TEX_ENVIRONMENT").image
     pixels = np.array(light.pixels[:]).reshape(light.size[1], light.size[0], 4)[::-1, :, :3]
@@ -408,7 +408,7 @@ def near_ball_found(program, folder):
     truth = json.loads((folder / "own" / "export.json").read_text())["exports"]["blender"]["parameters"]
     near("a near ball", scene.objects["near"], truth)
     # Detected centre in camera coordinates, from the outline and the camera parameters of the add-on.
-    found = json.loads((folder / "near" / "result.json").read_text())["observations"]["shape"]["ball"]["centre"]
+    found = json.loads((folder / "near" / "result.json").read_text())["observations"]["shape"]["centre"]
     wanted = rotation(TURN).T @ np.subtract(LOCATION, PLACE)
     off = math.degrees(np.arccos(np.dot(found, wanted) / np.linalg.norm(found) / np.linalg.norm(wanted)))
     check(f"a near ball: its centre is {off:.4f} degrees off", off < 0.05)

@@ -4,7 +4,9 @@ use anyhow::{Context, Result};
 use glam::{DQuat, DVec3, Vec3};
 use gonio::colour::{ChromaField, is_grey};
 use gonio::estimate::{Colouring, ColouringRule};
-use gonio::inference::known_light::{Alignment, GivenLight, KnownLightPosterior, Materials, Operator, Rows};
+use gonio::inference::known_light::{
+    Alignment, KnownLight, KnownLightPosterior, ObservedPoints, Operator, PriorMaterials,
+};
 use gonio::inference::learnt::MaterialPosterior;
 use gonio::inference::{JointMapSettings, Method, Posterior, Problem, Solver, VariationalSettings, infer};
 use gonio::lighting::EnvironmentMap;
@@ -13,14 +15,14 @@ use gonio::scene::Observations;
 use gonio::transfer::Projected;
 use serde::{Deserialize, Serialize};
 
-use super::learning::{Knowledge, MaterialSpace};
+use super::learning::{LearntModels, MaterialSpace};
 use super::options::Separable;
 use crate::metrics::brdf_error;
 use crate::posteriors::on_disk;
 
 /// A photograph with all inputs of the estimators and oracles.
 pub(crate) struct Photograph<'a> {
-    pub(crate) knowledge: &'a Knowledge,
+    pub(crate) knowledge: &'a LearntModels,
     /// Linear RGB of every point.
     pub(crate) colours: &'a [Vec3],
     /// Luminance of every point.
@@ -254,18 +256,18 @@ fn known_light(photograph: &Photograph<'_>, turned: bool) -> Result<Estimate> {
     let Lit { operator, map, step } = operator.context("no operator of the light")?;
     let MaterialSpace { coordinates, places, colours: prior } =
         knowledge.space.as_ref().context("no space of materials")?;
-    let materials = Materials::of(coordinates, places);
+    let materials = PriorMaterials::of(coordinates, places);
     let seen = knowledge.points.iter().zip(image).step_by(*step);
     let (points, values): (Vec<_>, Vec<f64>) = seen.map(|(p, v)| (*p, v.unwrap_or(0.0))).unzip();
     let trust = vec![1.0; values.len()];
-    let rows = Rows { points: &points, visibility: None, values: &values, trust: &trust };
+    let rows = ObservedPoints { points: &points, visibility: None, values: &values, weights: &trust };
     let (light, mut found) = if turned {
         let turn = DQuat::from_axis_angle(DVec3::new(1.0, 2.0, 1.0).normalize(), 5_f64.to_radians());
-        let light = GivenLight::of_map(&map.rotated(turn));
+        let light = KnownLight::of_map(&map.rotated(turn));
         let found = KnownLightPosterior::of(&rows, light.clone(), Alignment::Near, &materials)?;
         (light, found)
     } else {
-        (GivenLight::of_map(map), KnownLightPosterior::under(operator, &rows, &materials)?)
+        (KnownLight::of_map(map), KnownLightPosterior::under(operator, &rows, &materials)?)
     };
     let colours: Vec<Vec3> = colours.iter().step_by(*step).copied().collect();
     let mut chroma = is_grey(&colours).then_some(ChromaField::GREY);
@@ -279,9 +281,9 @@ fn known_light(photograph: &Photograph<'_>, turned: bool) -> Result<Estimate> {
     let posterior = MaterialPosterior::of_gaussian(coordinates, found.gaussian()?, Vec::new());
     let posterior = posterior.context("the posterior is not a Gaussian")?;
     let quantiles = posterior.quantiles(&[0.05, 0.25, 0.75, 0.95]).try_into().ok().context("four quantiles")?;
-    let angle = found.turn.to_scaled_axis().length().to_degrees();
+    let angle = found.rotation.to_scaled_axis().length().to_degrees();
     let note = format!("noise {:.3}, discrepancy {:.3}, turn {angle:.1}", found.noise, found.discrepancy);
-    let report = Report { converged: Some(found.settled), noise: Some(found.misfit), note, ..Report::default() };
+    let report = Report { converged: Some(found.converged), noise: Some(found.misfit), note, ..Report::default() };
     Ok(Estimate { table: Some(posterior.mean), chroma, quantiles: Some(quantiles), report })
 }
 

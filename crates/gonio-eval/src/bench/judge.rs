@@ -122,7 +122,7 @@ pub(crate) fn file(protocol: Protocol, material: &str, light: &str, estimator: E
 }
 
 /// Ground truth that estimates from one photograph are compared with.
-pub(crate) struct Reference<'a> {
+pub(crate) struct GroundTruth<'a> {
     pub(crate) unit: &'a Unit,
     pub(crate) name: &'a str,
     pub(crate) full_table: bool,
@@ -138,9 +138,9 @@ pub(crate) struct Reference<'a> {
     pub(crate) photograph: String,
 }
 
-impl Reference<'_> {
+impl GroundTruth<'_> {
     /// Measures the errors of an estimate that took `seconds`.
-    pub(crate) fn judge(
+    pub(crate) fn evaluate(
         &self,
         estimator: Estimator,
         key: String,
@@ -256,7 +256,7 @@ mod tests {
         let render = Render { rgb: truth.iter().map(|rgb| rgb.to_array()).collect() };
         let median = chroma.rgb().as_vec3() * of_light;
         let unit = Unit { protocol: Protocol::All, material: 0, light: "l".into() };
-        let reference = Reference {
+        let reference = GroundTruth {
             unit: &unit,
             name: "m",
             full_table: true,
@@ -269,7 +269,7 @@ mod tests {
         };
         let judged = |chroma: Option<ChromaField>| {
             let estimate = Estimate { table: Some(table.scaled(7.0)), chroma, ..Estimate::default() };
-            reference.judge(Estimator::Learnt, "k".into(), 0.0, Ok(estimate))
+            reference.evaluate(Estimator::Learnt, "k".into(), 0.0, Ok(estimate))
         };
         let sine = |a: Vec3, b: Vec3| f64::from(a.cross(b).length() / a.length() / b.length());
         let true_colour = of_light * chroma.rgb().as_vec3();
@@ -287,7 +287,7 @@ mod tests {
         assert!((shown.mean_chroma().unwrap() - wrong.distance(chroma)).abs() < 1e-4, "{shown:?}");
         assert!((shown.rgb(|e| e.grey) - sine(of_light, true_colour)).abs() < 1e-5, "{shown:?}");
         // Without an estimate the picture is black.
-        let failed = reference.judge(Estimator::Learnt, "k".into(), 0.0, Err(anyhow::anyhow!("no")));
+        let failed = reference.evaluate(Estimator::Learnt, "k".into(), 0.0, Err(anyhow::anyhow!("no")));
         assert!(failed.rgb(|e| e.estimate) == 1.0 && failed.mean_chroma().is_none());
     }
 }

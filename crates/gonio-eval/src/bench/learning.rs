@@ -5,7 +5,7 @@ use gonio::colour::{Chroma, ColourModel, ColourSample};
 use gonio::inference::learnt::LearntPosterior;
 use gonio::lighting::LightPrior;
 use gonio::model::Model;
-use gonio::reflectance::{BivariateTable, Coordinates, Dictionary, DictionarySettings, LogBasis, TrainSettings};
+use gonio::reflectance::{BivariateTable, Dictionary, DictionarySettings, LatentSpace, LogBasis, TrainSettings};
 use gonio::shape::SurfacePoint;
 use gonio::transfer::Plan;
 use gonio_io::cache::Cache;
@@ -18,7 +18,7 @@ use crate::materials::Materials;
 use crate::posteriors::{self, Learning};
 
 /// Models learnt before the first photograph, and the operator built from them.
-pub(crate) struct Knowledge {
+pub(crate) struct LearntModels {
     /// Prior of light and basis of reflectance.
     pub(crate) model: Model,
     /// Luminance tables of the training materials, with their names.
@@ -34,7 +34,7 @@ pub(crate) struct Knowledge {
 /// The space of materials of the posterior under a known light.
 pub(crate) struct MaterialSpace {
     /// Coordinate system of the materials.
-    pub(crate) coordinates: Coordinates,
+    pub(crate) coordinates: LatentSpace,
     /// Coordinates of the prior's materials.
     pub(crate) places: Vec<Vec<f64>>,
     /// Differences between the channels of the training materials.
@@ -45,7 +45,7 @@ impl MaterialSpace {
     /// Learns from the channels of training materials, whose luminances are `training`.
     fn of(training: &[(String, BivariateTable)], rgb: &[[BivariateTable; 3]], settings: &DictionarySettings) -> Self {
         let basis = LogBasis::fit(training, LogBasis::RANK);
-        let Dictionary { coordinates, places, .. } = Dictionary::new(basis, settings);
+        let Dictionary { latent_space: coordinates, coordinates: places, .. } = Dictionary::new(basis, settings);
         // Under a known light, the errors of blind estimates and the chromas of lights are not
         // needed.
         let error = vec![0.0; coordinates.axes.len() + 1];
@@ -58,10 +58,10 @@ impl MaterialSpace {
 /// The colours of the learnt posterior are learnt in every `COLOUR_STRIDE`-th training light.
 const COLOUR_STRIDE: usize = 6;
 
-impl Knowledge {
+impl LearntModels {
     /// Learns the models from the protocol's training materials. The prior of light is `prior`. The
     /// default is the embedded prior, whose training lights do not occur in any test.
-    pub(crate) fn gather(
+    pub(crate) fn learn(
         materials: &Materials,
         protocol: Protocol,
         conditions: &Conditions,

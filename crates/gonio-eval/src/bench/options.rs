@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
-use gonio::inference::{Hyper, VariationalSettings};
+use gonio::inference::{Hyperparameters, VariationalSettings};
 use gonio::transfer::PlanSettings;
 use serde::{Deserialize, Serialize};
 
@@ -104,15 +104,15 @@ pub(crate) struct Separable {
     #[arg(long)]
     pub(crate) noise_rate: Option<f64>,
     /// Rate `lambda_gamma` of the prior of the exposure
-    #[arg(long, default_value_t = Hyper::default().exposure_rate)]
+    #[arg(long, default_value_t = Hyperparameters::default().exposure_rate)]
     pub(crate) exposure_rate: f64,
 }
 
 impl Separable {
     /// Returns the priors of exposure and noise for `pixels` observations.
-    pub(crate) fn hyper(&self, pixels: usize) -> Hyper {
-        let usual = if self.paper { Hyper::default() } else { Hyper::with_model_error(pixels) };
-        Hyper {
+    pub(crate) fn hyper(&self, pixels: usize) -> Hyperparameters {
+        let usual = if self.paper { Hyperparameters::default() } else { Hyperparameters::with_model_error(pixels) };
+        Hyperparameters {
             exposure_rate: self.exposure_rate,
             noise_shape: self.noise_shape.unwrap_or(usual.noise_shape),
             noise_rate: self.noise_rate.unwrap_or(usual.noise_rate),
@@ -125,7 +125,7 @@ impl Default for Separable {
     fn default() -> Self {
         let VariationalSettings { tolerance, variance, max_iterations: iterations, .. } =
             VariationalSettings::default();
-        let exposure_rate = Hyper::default().exposure_rate;
+        let exposure_rate = Hyperparameters::default().exposure_rate;
         Self { paper: false, tolerance, variance, iterations, noise_shape: None, noise_rate: None, exposure_rate }
     }
 }

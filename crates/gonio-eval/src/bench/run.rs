@@ -10,7 +10,7 @@ use std::time::Instant;
 use anyhow::{Context, Result, anyhow};
 use glam::Vec3;
 use gonio::colour::ChromaField;
-use gonio::inference::known_light::{self, GivenLight, Operator};
+use gonio::inference::known_light::{self, KnownLight, Operator};
 use gonio::lighting::LightPrior;
 use gonio::picture::Plane;
 use gonio::reflectance::BivariateTable;
@@ -21,8 +21,8 @@ use gonio_io::cache::Cache;
 
 use super::estimators::{Estimator, Lit, Photograph};
 use super::grid::{Protocol, Unit, relight_lights, units};
-use super::judge::{Reference, encoded};
-use super::learning::{Knowledge, MaterialSpace};
+use super::judge::{GroundTruth, encoded};
+use super::learning::{LearntModels, MaterialSpace};
 use super::options::Options;
 use super::progress::Progress;
 use super::renders::{self, Render};
@@ -196,10 +196,10 @@ impl Bench {
         let start = Instant::now();
         let is_lit = |e: &Estimator| matches!(e, Estimator::KnownLight | Estimator::KnownLightTurned);
         let known_light = work.iter().flat_map(|(_, open)| open).any(|(e, _)| is_lit(e));
-        let mut knowledge: BTreeMap<Protocol, Knowledge> = BTreeMap::new();
+        let mut knowledge: BTreeMap<Protocol, LearntModels> = BTreeMap::new();
         for protocol in work.iter().map(|(u, _)| u.protocol.learns_as()).collect::<BTreeSet<_>>() {
             let (prior, lights) = (self.prior.as_ref(), (self.training.as_ref(), known_light));
-            let learnt = Knowledge::gather(
+            let learnt = LearntModels::learn(
                 &self.materials,
                 protocol,
                 &self.conditions,
@@ -242,9 +242,14 @@ impl Bench {
                 let step = self.points.len().div_ceil(known_light::ROWS);
                 let points: Vec<SurfacePoint> = self.points.iter().step_by(step).copied().collect();
                 let map = self.lights.map(&unit.light)?;
-                let light = GivenLight::of_map(&map);
+                let light = KnownLight::of_map(&map);
                 place.insert(Lit {
-                    operator: Operator::of(&points, None, &light, &known_light::Materials::of(coordinates, places)),
+                    operator: Operator::of(
+                        &points,
+                        None,
+                        &light,
+                        &known_light::PriorMaterials::of(coordinates, places),
+                    ),
                     step,
                     map,
                 });
@@ -291,7 +296,7 @@ impl Bench {
         &self,
         unit: &Unit,
         open: &[(Estimator, String)],
-        knowledge: &Knowledge,
+        knowledge: &LearntModels,
         (under_true_light, operator): (&[f32], Option<&Lit>),
         relighters: &BTreeMap<(bool, String), [Relighter; 3]>,
         progress: &Progress,
@@ -308,7 +313,7 @@ impl Bench {
             .iter()
             .map(|light| self.load(unit.material, light, &self.stage.points))
             .collect::<Result<Vec<Render>>>()?;
-        let reference = Reference {
+        let reference = GroundTruth {
             unit,
             name: &self.materials.names[unit.material],
             full_table: self.materials.source(unit.material) == Source::Full,
@@ -343,7 +348,7 @@ impl Bench {
             let start = Instant::now();
             let estimate = estimator.estimate(&photograph);
             let seconds = start.elapsed().as_secs_f64();
-            self.store.put(&reference.judge(*estimator, key.clone(), seconds, estimate))?;
+            self.store.put(&reference.evaluate(*estimator, key.clone(), seconds, estimate))?;
             progress.step();
         }
         Ok(())

@@ -33,7 +33,8 @@ pub(super) fn slice_error(cells: &[Cell], f: Reflectance<'_>) -> f64 {
 }
 
 /// Shares of the cells inside the 50 % and the 90 % interval, after the measurement is scaled to
-/// the estimate by the median offset. `quantiles` are at [`SHARES`](gonio::estimate::SHARES).
+/// the estimate by the median offset. `quantiles` are at
+/// [`SHARES`](gonio::estimate::QUANTILE_LEVELS).
 pub(super) fn coverage(cells: &[Cell], table: &BivariateTable, quantiles: &[BivariateTable; 4]) -> [f64; 2] {
     let scale = metrics::median(log_ratios(cells, &|h, d| table.eval(h, d))).exp();
     let inside = |low: &BivariateTable, high: &BivariateTable| {

@@ -66,8 +66,9 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
             bail!("{}: there is no such object", folder.display());
         }
         let object = Captured::read(&folder)?;
-        let study = study::Study::new(&object).with_context(|| folder.display().to_string())?;
-        let (answers, without) = study.answers(&model, study::Given { normals: !options.outline, light: options.lit });
+        let study = study::ObjectEvaluation::new(&object).with_context(|| folder.display().to_string())?;
+        let (answers, without) =
+            study.answers(&model, study::EstimateInputs { normals: !options.outline, light: options.lit });
         refused.extend(without);
         if options.out.is_some() {
             sections.push(page::section(&object, &answers));

@@ -7,7 +7,7 @@ use maud::{Markup, html};
 
 use super::judge::{self, Reflectance};
 use super::object::Captured;
-use super::study::Answer;
+use super::study::EvaluatedEstimate;
 use crate::paper::show;
 
 /// All objects on one page.
@@ -23,7 +23,7 @@ pub(super) fn page(sections: &[Section]) -> String {
 
 /// Section of one object: for each photograph, the next photograph, in another light, and its
 /// predictions.
-pub(super) fn section(object: &Captured, answers: &[Answer]) -> Section {
+pub(super) fn section(object: &Captured, answers: &[EvaluatedEstimate]) -> Section {
     let cards: Vec<Markup> = answers.iter().enumerate().map(|(seen, answer)| card(object, seen, answer)).collect();
     Section {
         id: format!("object-{}", anchor(&object.name)),
@@ -37,7 +37,7 @@ fn anchor(name: &str) -> String {
     name.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '-' }).collect()
 }
 
-fn card(object: &Captured, seen: usize, answer: &Answer) -> Markup {
+fn card(object: &Captured, seen: usize, answer: &EvaluatedEstimate) -> Markup {
     let other = (seen + 1) % object.photographs.len();
     let (from, to) = (&object.photographs[seen], &object.photographs[other]);
     let grey = |rgb: &Plane<Vec3>| object.cropped(&rgb.map(|p| Vec3::splat(luminance(*p))));

@@ -8,25 +8,25 @@ use super::object::{Captured, Directional, Photograph};
 use super::slice::Slice;
 
 /// Pixels along a side.
-const SIDE: usize = 48;
+const PICTURE_SIDE: usize = 48;
 
 /// Builds a ball of the given BRDF with two photographs, measured below 30 degrees of `theta_d`.
 pub(super) fn ball(table: &BivariateTable) -> Captured {
-    let radius = 0.5 * SIDE as f32 - 2.0;
+    let radius = 0.5 * PICTURE_SIDE as f32 - 2.0;
     let normal = |x: usize, y: usize| {
-        let at = |i: usize| (i as f32 + 0.5 - 0.5 * SIDE as f32) / radius;
+        let at = |i: usize| (i as f32 + 0.5 - 0.5 * PICTURE_SIDE as f32) / radius;
         let (x, y) = (at(x), -at(y));
         let z = 1.0 - x * x - y * y;
         if z > 0.0 { Vec3::new(x, y, z.sqrt()) } else { Vec3::ZERO }
     };
-    let normals = Plane::from_fn(SIDE, SIDE, normal);
+    let normals = Plane::from_fn(PICTURE_SIDE, PICTURE_SIDE, normal);
     let mask = normals.map(|n| f32::from(n.z > 0.0));
     let light = |x: f64, y: f64, weight: f64| Directional {
         direction: DVec3::new(x, y, 1.0).normalize(),
         weight: DVec3::splat(weight),
     };
     let photograph = |name: &str, lights: Vec<Directional>| {
-        let rgb = Plane::from_fn(SIDE, SIDE, |_, _| Vec3::ZERO);
+        let rgb = Plane::from_fn(PICTURE_SIDE, PICTURE_SIDE, |_, _| Vec3::ZERO);
         Photograph { name: name.to_owned(), picture: Picture { rgb, alpha: None }, lights }
     };
     let mut object = Captured {

@@ -13,7 +13,7 @@ use crate::metrics::{mean, median};
 use crate::together::joined;
 
 /// Errors of the estimate from one or more photographs.
-struct Joint {
+struct CombinedErrors {
     slice: f64,
     /// Mean width of the 90 % interval of the logarithm over the judged cells.
     width: f64,
@@ -21,15 +21,15 @@ struct Joint {
 }
 
 /// Errors of the estimates from one, two, three and more photographs of an object.
-pub(super) struct Several {
+pub(super) struct MultiViewErrors {
     object: String,
     /// Errors by number of photographs, from one on.
-    joint: Vec<Vec<Joint>>,
+    joint: Vec<Vec<CombinedErrors>>,
     /// Number of refused combinations.
     refused: usize,
 }
 
-impl Several {
+impl MultiViewErrors {
     /// Measures the errors of each cyclic run of consecutive photographs in the list.
     ///
     /// # Errors
@@ -40,7 +40,7 @@ impl Several {
             let mut of_count = Vec::new();
             for found in joined(model, ones, count) {
                 match found {
-                    Some(found) => of_count.push(Joint::of(&found, cells)?),
+                    Some(found) => of_count.push(CombinedErrors::of(&found, cells)?),
                     None => refused += 1,
                 }
             }
@@ -50,7 +50,7 @@ impl Several {
     }
 }
 
-impl Joint {
+impl CombinedErrors {
     fn of(material: &Material, cells: &[Cell]) -> Result<Self> {
         let quantiles = quantiles(material)?;
         let width = |c: &Cell| {
@@ -76,15 +76,15 @@ pub(super) fn quantiles(material: &Material) -> Result<[BivariateTable; 4]> {
 }
 
 /// Table of the medians over the combinations.
-pub(super) fn markdown(all: &[Several]) -> String {
+pub(super) fn markdown(all: &[MultiViewErrors]) -> String {
     let mut text = "\
 | object | photographs together | slice | width of the 90 % interval | 50 % / 90 % covered |
 |---|---|---|---|---|
 "
     .to_owned();
-    for Several { object, joint, refused } in all {
+    for MultiViewErrors { object, joint, refused } in all {
         for (at, answers) in joint.iter().enumerate().filter(|(_, answers)| !answers.is_empty()) {
-            let typical = |f: &dyn Fn(&Joint) -> f64| median(answers.iter().map(f).collect());
+            let typical = |f: &dyn Fn(&CombinedErrors) -> f64| median(answers.iter().map(f).collect());
             let _ = writeln!(
                 text,
                 "| {object} | {} | {:.2} | {:.2} | {:.0} % / {:.0} % |",
@@ -117,7 +117,7 @@ mod tests {
         let picture = &ball.photographs[0].picture;
         let detection = Detection::of(picture, None, Object::Sphere(None), &ObservationSettings::default()).unwrap();
         let one = Material::of(&model, &detection.observations, 16).unwrap();
-        let several = Several::of("ball", &ball.slice.judged(), &model, &[&one, &one, &one]).unwrap();
+        let several = MultiViewErrors::of("ball", &ball.slice.judged(), &model, &[&one, &one, &one]).unwrap();
         assert_eq!(several.refused, 0);
         let widths: Vec<f64> = several.joint.iter().map(|joint| joint[0].width).collect();
         assert!(several.joint[0].len() == 3 && several.joint[2].len() == 1);

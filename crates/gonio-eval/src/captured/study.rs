@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use anyhow::{Result, bail};
 use gonio::estimate::{
-    Alignment, Colouring, ColouringRule, Diagnostic, Estimate, LitEstimate, Material, estimate_under,
+    Alignment, Colouring, ColouringRule, Diagnostic, Estimate, KnownLightEstimate, Material, estimate_known_light,
 };
 use gonio::model::Model;
 use gonio::reflectance::BivariateTable;
@@ -14,7 +14,7 @@ use serde::Serialize;
 use super::colour::RgbErrors;
 use super::judge::{self, Reflectance};
 use super::object::{Captured, map_of};
-use super::several::{self, Several};
+use super::several::{self, MultiViewErrors};
 use super::slice::Cell;
 use crate::metrics::{Relight, mean};
 use crate::silhouettes::estimate_detected;
@@ -69,7 +69,7 @@ impl Record {
 
 /// Inputs of an estimate besides photograph and mask.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Given {
+pub(super) struct EstimateInputs {
     /// The scanned normals; otherwise, the shape is inflated from the mask.
     pub(super) normals: bool,
     /// The lights of the photograph.
@@ -77,27 +77,27 @@ pub(super) struct Given {
 }
 
 /// A record and the estimated material.
-pub(super) struct Answer {
+pub(super) struct EvaluatedEstimate {
     pub(super) record: Record,
     pub(super) material: Material,
 }
 
 /// An object, and the errors of three references: Lambertian, measured slice, and its profile.
-pub(super) struct Study<'a> {
+pub(super) struct ObjectEvaluation<'a> {
     object: &'a Captured,
     cells: Vec<Cell>,
-    lambert: Judged,
-    measured: Judged,
-    profile: Judged,
+    lambert: ReferenceErrors,
+    measured: ReferenceErrors,
+    profile: ReferenceErrors,
 }
 
 /// Slice error, and the errors of the prediction of each photograph.
-struct Judged {
+struct ReferenceErrors {
     slice: f64,
     predictions: Vec<Relight>,
 }
 
-impl Judged {
+impl ReferenceErrors {
     fn of(object: &Captured, cells: &[Cell], f: Reflectance<'_>) -> Self {
         Self { slice: judge::slice_error(cells, f), predictions: judge::predictions(object, f) }
     }
@@ -112,7 +112,7 @@ impl Judged {
     }
 }
 
-impl<'a> Study<'a> {
+impl<'a> ObjectEvaluation<'a> {
     /// Measures the errors of the references.
     pub(super) fn new(object: &'a Captured) -> Result<Self> {
         let cells = object.slice.judged();
@@ -121,9 +121,9 @@ impl<'a> Study<'a> {
         }
         let profile = object.slice.profile();
         Ok(Self {
-            lambert: Judged::of(object, &cells, &|_, _| 1.0),
-            measured: Judged::of(object, &cells, &|h, d| object.slice.eval(h, d)),
-            profile: Judged::of(object, &cells, &|h, _| profile(h)),
+            lambert: ReferenceErrors::of(object, &cells, &|_, _| 1.0),
+            measured: ReferenceErrors::of(object, &cells, &|h, d| object.slice.eval(h, d)),
+            profile: ReferenceErrors::of(object, &cells, &|h, _| profile(h)),
             object,
             cells,
         })
@@ -133,7 +133,7 @@ impl<'a> Study<'a> {
     /// without an estimate.
     ///
     /// `given` are the inputs of the estimates besides photograph and mask.
-    pub(super) fn answers(&self, model: &Model, given: Given) -> (Vec<Answer>, Vec<String>) {
+    pub(super) fn answers(&self, model: &Model, given: EstimateInputs) -> (Vec<EvaluatedEstimate>, Vec<String>) {
         let (mut answers, mut refused) = (Vec::new(), Vec::new());
         for (seen, photograph) in self.object.photographs.iter().enumerate() {
             let title = format!("{}, {}", self.object.name, photograph.name);
@@ -152,26 +152,26 @@ impl<'a> Study<'a> {
     ///
     /// # Errors
     /// If an estimate has no quantiles.
-    pub(super) fn several(&self, model: &Model, answers: &[Answer]) -> Result<Several> {
+    pub(super) fn several(&self, model: &Model, answers: &[EvaluatedEstimate]) -> Result<MultiViewErrors> {
         let ones: Vec<&Material> = answers.iter().map(|answer| &answer.material).collect();
-        Several::of(&self.object.name, &self.cells, model, &ones)
+        MultiViewErrors::of(&self.object.name, &self.cells, model, &ones)
     }
 
-    fn answer(&self, seen: usize, model: &Model, given: Given) -> Result<Answer> {
+    fn answer(&self, seen: usize, model: &Model, given: EstimateInputs) -> Result<EvaluatedEstimate> {
         let start = Instant::now();
         let found = estimate(self.object, seen, model, given)?;
         let record = self.record(seen, &found, start.elapsed().as_secs_f64())?;
-        Ok(Answer { record, material: found.material })
+        Ok(EvaluatedEstimate { record, material: found.material })
     }
 
-    fn record(&self, seen: usize, found: &Found, seconds: f64) -> Result<Record> {
-        let Found { material, misfit, diagnostics, colouring, median } = found;
+    fn record(&self, seen: usize, found: &ObjectEstimate, seconds: f64) -> Result<Record> {
+        let ObjectEstimate { material, misfit, diagnostics, colouring, median } = found;
         let (object, cells, table) = (self.object, &self.cells, &material.table);
         let quantiles = several::quantiles(material)?;
         Ok(Record {
             object: object.name.clone(),
             photograph: object.photographs[seen].name.clone(),
-            estimate: Judged::of(object, cells, &|h, d| table.eval(h, d)).without(seen),
+            estimate: ReferenceErrors::of(object, cells, &|h, d| table.eval(h, d)).without(seen),
             lambert: self.lambert.without(seen),
             measured: self.measured.without(seen),
             profile: self.profile.without(seen),
@@ -188,7 +188,7 @@ impl<'a> Study<'a> {
 }
 
 /// An estimate and its diagnostics.
-struct Found {
+struct ObjectEstimate {
     material: Material,
     misfit: f64,
     diagnostics: Vec<Diagnostic>,
@@ -199,7 +199,7 @@ struct Found {
 
 /// Estimates as the program does with `--mask mask.png`. With `given`, it also has the options
 /// `--normals normal.exr` or `--shape outline`, and `--light`.
-fn estimate(object: &Captured, seen: usize, model: &Model, given: Given) -> Result<Found> {
+fn estimate(object: &Captured, seen: usize, model: &Model, given: EstimateInputs) -> Result<ObjectEstimate> {
     let normals =
         || NormalPicture { normals: object.normals.clone(), camera: None, relief: None, trusted: false, error: 0.0 };
     let mut detection = Detection::of(
@@ -214,15 +214,15 @@ fn estimate(object: &Captured, seen: usize, model: &Model, given: Given) -> Resu
     if given.light {
         let map = map_of(&object.photographs[seen].lights)?;
         let given = (&map, Alignment::Near);
-        let found = estimate_under(model, &detection.observations, given, &ColouringRule::default(), &|_| ())?;
+        let found = estimate_known_light(model, &detection.observations, given, &ColouringRule::default(), &|_| ())?;
         let (diagnostics, median) = (found.diagnostics(), median(&detection, &found.material.table));
-        let LitEstimate { material, misfit, colouring, .. } = found;
-        return Ok(Found { material, misfit, diagnostics, colouring, median });
+        let KnownLightEstimate { material, misfit, colouring, .. } = found;
+        return Ok(ObjectEstimate { material, misfit, diagnostics, colouring, median });
     }
     let found = estimate_detected(model, &object.photographs[seen].picture, &mut detection)?;
     let (diagnostics, median) = (found.diagnostics(), median(&detection, &found.material.table));
     let Estimate { material, light, colouring, .. } = found;
-    Ok(Found { material, misfit: light.misfit, diagnostics, colouring, median })
+    Ok(ObjectEstimate { material, misfit: light.misfit, diagnostics, colouring, median })
 }
 
 /// Computes the 5, 50 and 95 % quantiles of [`judge::gloss`] under the posterior.

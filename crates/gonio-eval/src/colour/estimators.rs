@@ -4,14 +4,14 @@ use anyhow::Result;
 use clap::ValueEnum;
 use glam::Vec3;
 use gonio::colour::{Chroma, ChromaField};
-use gonio::estimate::{Alignment, Colouring, ColouringRule, Material, estimate_under};
+use gonio::estimate::{Alignment, Colouring, ColouringRule, Material, estimate_known_light};
 use gonio::lighting::EnvironmentMap;
 use gonio::model::Model;
 use gonio::reflectance::BivariateTable;
 use gonio::scene::Observations;
 
 /// Texels along a side of the light's grid; the grid matters only for shapes with self-shadowing.
-const SIDE: usize = 32;
+const GRID_SIDE: usize = 32;
 
 /// A method of estimating the channels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -66,11 +66,11 @@ impl ColourEstimator {
         let Photograph { model, observations, light, light_chroma, .. } = photograph;
         if self == Self::KnownLight {
             let rule = ColouringRule::default();
-            let found = estimate_under(model, observations, (light, Alignment::Fixed), &rule, &|_| ())?;
+            let found = estimate_known_light(model, observations, (light, Alignment::Fixed), &rule, &|_| ())?;
             let warned = !found.diagnostics().is_empty();
             return Ok((found.material, found.colouring, warned));
         }
-        let material = Material::of(model, observations, SIDE)?;
+        let material = Material::of(model, observations, GRID_SIDE)?;
         let rule = match self {
             Self::Blind => ColouringRule::default(),
             Self::LightColour => ColouringRule::Estimate { light: Some(*light_chroma) },
@@ -84,9 +84,9 @@ impl ColourEstimator {
     /// Estimates the channels.
     pub(super) fn estimate(self, photograph: &Photograph<'_>) -> Result<Found> {
         let Photograph { model, observations, light, truth, .. } = photograph;
-        let luminance = || Material::of(model, observations, SIDE);
+        let luminance = || Material::of(model, observations, GRID_SIDE);
         let lit = |observations: &Observations, light: &EnvironmentMap, rule: &ColouringRule| {
-            estimate_under(model, observations, (light, Alignment::Fixed), rule, &|_| ())
+            estimate_known_light(model, observations, (light, Alignment::Fixed), rule, &|_| ())
         };
         Ok(match self {
             Self::Grey => Found::plain(&luminance()?.table, &ChromaField::GREY),
@@ -98,7 +98,7 @@ impl ColourEstimator {
                 let channel = |c: usize| -> Result<BivariateTable> {
                     let alone = only(observations, c);
                     let mean = alone.values.iter().flatten().sum::<f64>();
-                    Ok(Material::of(model, &alone, SIDE)?.table.scaled(mean))
+                    Ok(Material::of(model, &alone, GRID_SIDE)?.table.scaled(mean))
                 };
                 Found::tables([channel(0)?, channel(1)?, channel(2)?])
             }

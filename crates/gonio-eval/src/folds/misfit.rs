@@ -6,9 +6,9 @@ use std::fmt::Write;
 use anyhow::{Context, Result};
 use glam::DVec3;
 use gonio::appearance::DiskImage;
-use gonio::appearance::disk::{SIDE, normal, on_disk};
+use gonio::appearance::disk::{DISK_SIDE, normal, on_disk};
 use gonio::estimate::EstimateSettings;
-use gonio::inference::learnt::{MaterialPosterior, peak_over_base};
+use gonio::inference::learnt::{MaterialPosterior, peak_to_body};
 use gonio::inference::light::{LightProblem, NonNegativeSettings};
 use gonio::lighting::LightPrior;
 use gonio::shape::SurfacePoint;
@@ -19,7 +19,7 @@ const BOUNDS: [f64; 6] = [f64::NEG_INFINITY, 1.5, 3.5, 6.0, 8.5, f64::INFINITY];
 
 /// Residual of one photograph.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Left {
+pub(super) struct LightMisfit {
     /// Logarithm of the posterior median of the gloss.
     gloss: f64,
     /// Relative root mean square of the residual of light and material, less the part that noise
@@ -27,12 +27,15 @@ pub(super) struct Left {
     misfit: f64,
 }
 
-impl Left {
+impl LightMisfit {
     /// Estimates the light of an image of the disk, and measures the residual.
     pub(super) fn of(image: &DiskImage, posterior: &MaterialPosterior, prior: &LightPrior) -> Result<Self> {
-        let seen: Vec<usize> = (0..SIDE * SIDE).filter(|&c| on_disk(c) && image.counts[c] > 0.0).collect();
-        let seen: Vec<usize> =
-            seen.iter().copied().step_by(seen.len().div_ceil(EstimateSettings::default().rows).max(1)).collect();
+        let seen: Vec<usize> = (0..DISK_SIDE * DISK_SIDE).filter(|&c| on_disk(c) && image.counts[c] > 0.0).collect();
+        let seen: Vec<usize> = seen
+            .iter()
+            .copied()
+            .step_by(seen.len().div_ceil(EstimateSettings::default().observations).max(1))
+            .collect();
         let point = |&c: &usize| SurfacePoint { normal: normal(c).as_dvec3(), view: DVec3::Z };
         let points: Vec<SurfacePoint> = seen.iter().map(point).collect();
         let values: Vec<Option<f64>> = seen.iter().map(|&c| Some(f64::from(image.values[c]))).collect();
@@ -45,23 +48,23 @@ impl Left {
             square(&mut seen.iter().map(|&c| f64::from(image.scatter * image.values[c] / image.counts[c].sqrt())));
         let all = square(&mut values.iter().flatten().copied());
         Ok(Self {
-            gloss: posterior.ranking(peak_over_base).quantiles(&[0.5])[0].ln(),
+            gloss: posterior.ranking(peak_to_body).quantiles(&[0.5])[0].ln(),
             misfit: (problem.misfit(&radiance).powi(2) - noise / all).max(0.0).sqrt(),
         })
     }
 }
 
 /// Table of misfits by gloss.
-pub(super) fn report(all: &[Left]) -> String {
+pub(super) fn report(all: &[LightMisfit]) -> String {
     let mut out = String::from(
         "| logarithm of gloss | photographs | median of it | misfit without noise: median | 95 % |\n|---|---|---|---|---|\n",
     );
     for bounds in BOUNDS.windows(2) {
-        let those: Vec<&Left> = all.iter().filter(|l| (bounds[0]..bounds[1]).contains(&l.gloss)).collect();
+        let those: Vec<&LightMisfit> = all.iter().filter(|l| (bounds[0]..bounds[1]).contains(&l.gloss)).collect();
         if those.is_empty() {
             continue;
         }
-        let sorted = |f: fn(&Left) -> f64| {
+        let sorted = |f: fn(&LightMisfit) -> f64| {
             let mut values: Vec<f64> = those.iter().map(|l| f(l)).collect();
             values.sort_by(f64::total_cmp);
             values
@@ -88,8 +91,8 @@ mod tests {
 
     #[test]
     fn the_table_is_by_gloss() {
-        let all: Vec<Left> =
-            (0..40).map(|i| Left { gloss: f64::from(i % 2) * 5.0, misfit: 0.01 * f64::from(i) }).collect();
+        let all: Vec<LightMisfit> =
+            (0..40).map(|i| LightMisfit { gloss: f64::from(i % 2) * 5.0, misfit: 0.01 * f64::from(i) }).collect();
         let table = report(&all);
         assert!(table.contains("| -inf to 1.5 | 20 | 0.0 | 0.200 | 0.360 |"), "{table}");
         assert!(table.contains("| 3.5 to 6.0 | 20 | 5.0 | 0.210 | 0.370 |"), "{table}");

@@ -12,17 +12,17 @@ use anyhow::{Context, Result, bail};
 use clap::Args;
 use glam::DQuat;
 use gonio::appearance::Lattice;
-use gonio::inference::learnt::{LearntPosterior, MaterialPosterior, peak_over_base};
+use gonio::inference::learnt::{LearntPosterior, MaterialPosterior, peak_to_body};
 use gonio::lighting::LightPrior;
-use gonio::reflectance::{BivariateTable, Kind, Prior};
+use gonio::reflectance::{BivariateTable, MaterialKind, Prior};
 use gonio::render::Relighter;
-use gonio::simulation::{Camera, LightKind, SceneRenderer, generator};
+use gonio::simulation::{LightKind, PhotographEffects, SceneRenderer, generator};
 use gonio_io::cache::Cache;
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use rayon::prelude::*;
 
-use self::misfit::Left;
+use self::misfit::LightMisfit;
 use crate::bench::DRAFT;
 use crate::data::Lights;
 use crate::materials::Materials;
@@ -40,7 +40,7 @@ const WITH_INTERVALS: usize = 5;
 const RELIT: usize = 3;
 
 /// Camera without effects: a ball of 256 pixels.
-const CLEAN: Camera = Camera { radius: 128.0, ..Camera::CLEAN };
+const CLEAN: PhotographEffects = PhotographEffects { radius: 128.0, ..PhotographEffects::CLEAN };
 
 /// Cross-validation of the learnt posterior on training materials and lights.
 #[derive(Args)]
@@ -53,7 +53,7 @@ pub(crate) struct Options {
     first: Option<usize>,
     /// Kinds of materials to leave out of the prior, and to test in addition to the measured ones.
     #[arg(long, value_delimiter = ',', value_parser = kind)]
-    without: Vec<Kind>,
+    without: Vec<MaterialKind>,
     /// Number of training materials to test in addition, to compare their errors with those of new
     /// materials.
     #[arg(long, default_value_t = 0)]
@@ -63,12 +63,12 @@ pub(crate) struct Options {
 }
 
 /// Parses a kind by its name in files; the error lists the names.
-fn kind(name: &str) -> Result<Kind, String> {
+fn kind(name: &str) -> Result<MaterialKind, String> {
     serde_json::from_value(name.into()).map_err(|e| e.to_string())
 }
 
 /// Name of a kind in files: the inverse of [`kind`].
-fn title(kind: Kind) -> Result<String> {
+fn title(kind: MaterialKind) -> Result<String> {
     Ok(serde_json::from_value(serde_json::to_value(kind)?)?)
 }
 
@@ -86,14 +86,14 @@ struct Outcome {
     /// Whether the 90 % interval of the gloss contains the true gloss.
     held: Option<bool>,
     /// Residual of a clean photograph.
-    left: Option<Left>,
+    left: Option<LightMisfit>,
 }
 
 pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
     if options.folds < 2 {
         bail!("--folds must be at least 2");
     }
-    if options.without.contains(&Kind::Measured) {
+    if options.without.contains(&MaterialKind::Measured) {
         bail!("--without measured: some measured materials are always left out");
     }
     let all = Materials::open(data, None)?;
@@ -130,7 +130,7 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
 }
 
 fn kept(options: &Options) -> Prior {
-    Prior::of(&Kind::ALL.into_iter().filter(|kind| !options.without.contains(kind)).collect::<Vec<_>>())
+    Prior::of(&MaterialKind::ALL.into_iter().filter(|kind| !options.without.contains(kind)).collect::<Vec<_>>())
 }
 
 fn learning(options: &Options) -> Learning {
@@ -196,7 +196,7 @@ impl Test {
                 let mut rng = generator(((self.fold * 1000 + at) * 1000 + m) as u64);
                 // Foreign pixels show another of the tested materials.
                 let (scene, other) = (&scenes[m], &scenes[(m + scenes.len() / 2) % scenes.len()]);
-                let any = Camera::draw(&mut rng);
+                let any = PhotographEffects::draw(&mut rng);
                 [("clean", CLEAN), ("camera", any)].map(|(title, camera)| {
                     let image = camera.photograph(scene, other, &mut rng);
                     let posterior = learnt.posterior(&image);
@@ -204,7 +204,7 @@ impl Test {
                     if (at + m).is_multiple_of(WITH_INTERVALS) {
                         self.add_intervals(&posterior, m, &mut outcome);
                         outcome.left =
-                            (camera == CLEAN).then(|| Left::of(&image, &posterior, &self.prior)).transpose()?;
+                            (camera == CLEAN).then(|| LightMisfit::of(&image, &posterior, &self.prior)).transpose()?;
                     }
                     Ok(outcome)
                 })
@@ -241,8 +241,8 @@ impl Test {
         let truth = &self.tables[material];
         let quantiles = posterior.quantiles(&[0.05, 0.25, 0.75, 0.95]).try_into().expect("four shares");
         outcome.coverage = Some(coverage(&posterior.mean, &quantiles, truth));
-        let ends = posterior.ranking(peak_over_base).quantiles(&[0.05, 0.95]);
-        outcome.held = Some((ends[0]..=ends[1]).contains(&peak_over_base(truth)));
+        let ends = posterior.ranking(peak_to_body).quantiles(&[0.05, 0.95]);
+        outcome.held = Some((ends[0]..=ends[1]).contains(&peak_to_body(truth)));
     }
 }
 
@@ -287,7 +287,7 @@ fn report(outcomes: &[Outcome]) -> String {
     hardest.sort_by(|a, b| b.0.total_cmp(&a.0));
     out += "\n\nhardest (median log relight error):";
     hardest.iter().take(16).for_each(|(log, name)| write!(out, " {name} {log:.2};").expect("memory"));
-    let left: Vec<Left> = outcomes.iter().filter_map(|o| o.left).collect();
+    let left: Vec<LightMisfit> = outcomes.iter().filter_map(|o| o.left).collect();
     write!(out, "\n\n{}", misfit::report(&left)).expect("memory");
     out
 }

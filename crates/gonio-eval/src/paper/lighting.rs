@@ -16,7 +16,7 @@ use gonio_report::page::chart::{self, Axis, Histogram, Series};
 use gonio_report::page::figure;
 
 /// Texels along a side, as in the paper.
-const SIDE: usize = 32;
+const GRID_SIDE: usize = 32;
 /// Groups of coefficients that are shown, coarse to fine.
 const GROUPS: [PriorGroup; 6] = [
     PriorGroup::Coarsest(Orientation::Vertical),
@@ -34,7 +34,7 @@ pub(super) fn section(workshop: &PaperContext) -> Result<Markup> {
     let mut charts = Vec::new();
     for group in GROUPS {
         let at = all.iter().position(|g| *g == group).context("the model's prior has no such group")?;
-        let samples: Vec<f64> = (1..SIDE * SIDE)
+        let samples: Vec<f64> = (1..GRID_SIDE * GRID_SIDE)
             .filter(|&m| PriorGroup::of_index(m) == Some(group))
             .flat_map(|m| lights.iter().map(move |l| l[m]))
             .collect();
@@ -44,7 +44,7 @@ pub(super) fn section(workshop: &PaperContext) -> Result<Markup> {
         (octahedral(workshop)?)
         h3 { "Wavelet coefficients and their prior" }
         p {
-            "Haar coefficients of " (lights.len()) " training lights, each scaled to integrate to one, on a " (SIDE) " x " (SIDE)
+            "Haar coefficients of " (lights.len()) " training lights, each scaled to integrate to one, on a " (GRID_SIDE) " x " (GRID_SIDE)
             " equal-area octahedral map, against the embedded prior of light, which was fitted to them. Where bars exceed the "
             "curve, the prior underestimates the frequency of such coefficients."
         }
@@ -61,7 +61,7 @@ fn coefficients(workshop: &PaperContext) -> Result<Vec<Vec<f64>>> {
     paths.sort();
     let map = workshop.model.light.map;
     let one = |path: &std::path::PathBuf| {
-        let grid = data::read_map(path)?.to_grid(map, SIDE);
+        let grid = data::read_map(path)?.to_grid(map, GRID_SIDE);
         grid.normalised_coefficients().with_context(|| format!("{}: the light is black", path.display()))
     };
     paths.par_iter().map(one).collect()
@@ -125,7 +125,7 @@ fn octahedral(workshop: &PaperContext) -> Result<Markup> {
         (
             "octahedral, 32 x 32",
             figure::cells(
-                &square(light.to_grid(map, SIDE)),
+                &square(light.to_grid(map, GRID_SIDE)),
                 &format!("{name} as an octahedral map of 32 by 32 texels"),
                 8,
             ),

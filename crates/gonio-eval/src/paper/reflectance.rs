@@ -9,7 +9,7 @@ use gonio::reflectance::parametric::{CookTorrance, Lafortune, Parametric, Ward};
 use gonio::reflectance::{
     BivariateTable, ReflectanceBasis, THETA_D, THETA_H, TrainSettings, theta_d_of, theta_h_of, trusted_cells,
 };
-use gonio_io::fits::Fit;
+use gonio_io::fits::ParametricFit;
 use maud::{Markup, html};
 
 use super::show::{self, Green};
@@ -111,15 +111,15 @@ pub(super) fn section(workshop: &PaperContext) -> Result<Markup> {
 }
 
 /// One channel of a published fit.
-fn channel(fit: &Fit, c: usize) -> BivariateTable {
+fn channel(fit: &ParametricFit, c: usize) -> BivariateTable {
     match *fit {
-        Fit::CookTorrance { diffuse, specular, f0, roughness } => {
+        ParametricFit::CookTorrance { diffuse, specular, f0, roughness } => {
             CookTorrance { diffuse: diffuse[c], specular: specular[c], f0, roughness }.to_bivariate()
         }
-        Fit::Ward { diffuse, specular, roughness } => {
+        ParametricFit::Ward { diffuse, specular, roughness } => {
             Ward { diffuse: diffuse[c], specular: specular[c], roughness }.to_bivariate()
         }
-        Fit::Lafortune { diffuse, specular, cxy, cz, exponent } => {
+        ParametricFit::Lafortune { diffuse, specular, cxy, cz, exponent } => {
             Lafortune { diffuse: diffuse[c], specular: specular[c], cxy, cz, exponent }.to_bivariate()
         }
     }
@@ -132,7 +132,12 @@ fn rms(a: &BivariateTable, b: &BivariateTable) -> f64 {
     (sum / count).sqrt()
 }
 
-fn spheres(workshop: &PaperContext, material: &Material, bases: &[Trained], fits: &[(String, Fit)]) -> Result<Markup> {
+fn spheres(
+    workshop: &PaperContext,
+    material: &Material,
+    bases: &[Trained],
+    fits: &[(String, ParametricFit)],
+) -> Result<Markup> {
     let name = material.name;
     let reference = workshop.all.green(workshop.all.index(name)?);
     let truth = show::sphere(&Green(&material.full), &workshop.novel);

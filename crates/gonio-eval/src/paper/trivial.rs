@@ -3,7 +3,7 @@
 //! the joint maximum over the iterations.
 
 use anyhow::{Context, Result};
-use gonio::inference::{Hyper, JointMapSettings, Method, Posterior, VariationalSettings};
+use gonio::inference::{Hyperparameters, JointMapSettings, Method, Posterior, VariationalSettings};
 use gonio::picture::Picture;
 use gonio::reflectance::BivariateTable;
 use gonio::render::Tinted;
@@ -24,13 +24,13 @@ use gonio_report::page::{figure, table};
 /// a satin one.
 const PHOTOGRAPHED: [&str; 2] = ["red-fabric", "blue-metallic-paint"];
 /// Standard deviations at which the noise is fixed, relative to the root mean square of the image.
-const NOISE: [f64; 6] = [0.3, 0.1, 0.05, 0.02, 0.01, 0.003];
+const NOISE_LEVELS: [f64; 6] = [0.3, 0.1, 0.05, 0.02, 0.01, 0.003];
 /// Weight of the prior that fixes the noise, relative to the number of observations.
 const HOLD: f64 = 1e3;
 /// Iterations after which the joint maximum is shown.
 const ITERATIONS: [usize; 7] = [1, 3, 10, 30, 100, 300, 600];
 /// Texels along a side of the light grid.
-const SIDE: usize = 32;
+const GRID_SIDE: usize = 32;
 
 /// One explanation of an image.
 struct Explanation {
@@ -40,7 +40,7 @@ struct Explanation {
     detail: f64,
     /// Norm of the residual over that of the image.
     misfit: f64,
-    settled: bool,
+    converged: bool,
 }
 
 impl Explanation {
@@ -52,14 +52,14 @@ impl Explanation {
             gloss: Gloss::of(&table),
             detail: detail(&posterior.light),
             misfit: ((left + outside.max(0.0)) / image.energy()).sqrt(),
-            settled: posterior.starts[posterior.best_start].converged,
+            converged: posterior.starts[posterior.best_start].converged,
             table,
         }
     }
 }
 
 fn detail(light: &[f64]) -> f64 {
-    let finest = SIDE.ilog2();
+    let finest = GRID_SIDE.ilog2();
     let fine = light.iter().enumerate().filter(|(m, _)| Wavelet::of_index(*m).is_some_and(|w| w.scale + 1 >= finest));
     let squares: Vec<f64> = fine.map(|(_, l)| l * l).collect();
     (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
@@ -67,7 +67,7 @@ fn detail(light: &[f64]) -> f64 {
 
 pub(super) fn section(workshop: &PaperContext) -> Result<Markup> {
     let light = &workshop.lights[0];
-    let grid = workshop.test_lights.map(LIGHTS[0].0)?.to_grid(OctahedralMap::default(), SIDE);
+    let grid = workshop.test_lights.map(LIGHTS[0].0)?.to_grid(OctahedralMap::default(), GRID_SIDE);
     let true_light = grid.normalised_coefficients().context("a black light")?;
     let points = sphere_points(&ObservationSettings::default());
     let plan = workshop.plan(&points)?;
@@ -101,7 +101,7 @@ fn of_material(
     let name = material.name;
     let held = |noise: f64| {
         let shape = HOLD * projected.pixels as f64;
-        Hyper { noise_shape: shape, noise_rate: shape * noise * noise, ..Hyper::default() }
+        Hyperparameters { noise_shape: shape, noise_rate: shape * noise * noise, ..Hyperparameters::default() }
     };
     let joint = |max_iterations| Method::JointMap(JointMapSettings { starts: 1, max_iterations, ..Default::default() });
     let separable = Method::Variational(VariationalSettings { starts: 1, ..Default::default() });
@@ -109,23 +109,25 @@ fn of_material(
         Ok::<_, anyhow::Error>(Explanation::of(projected, workshop.infer_by(projected, hyper, method, name)?))
     };
     let last = ITERATIONS[ITERATIONS.len() - 1];
-    let levels: Vec<Hyper> = NOISE.iter().map(|n| held(*n)).chain([Hyper::default()]).collect();
+    let levels: Vec<Hyperparameters> =
+        NOISE_LEVELS.iter().map(|n| held(*n)).chain([Hyperparameters::default()]).collect();
     let joints = levels.par_iter().map(|h| explain(*h, &joint(last))).collect::<Result<Vec<_>>>()?;
     let separables = levels.par_iter().map(|h| explain(*h, &separable)).collect::<Result<Vec<_>>>()?;
     // The last point of the walk is the joint maximum with free noise.
     let earlier = &ITERATIONS[..ITERATIONS.len() - 1];
-    let walk = earlier.par_iter().map(|n| explain(Hyper::default(), &joint(*n))).collect::<Result<Vec<_>>>()?;
+    let walk =
+        earlier.par_iter().map(|n| explain(Hyperparameters::default(), &joint(*n))).collect::<Result<Vec<_>>>()?;
 
     let truth = Gloss::of(&material.truth);
-    let label = |i: usize| NOISE.get(i).map_or("free".into(), |n| format!("{} %", 100.0 * n));
-    let rows: Vec<Vec<String>> = (0..=NOISE.len())
+    let label = |i: usize| NOISE_LEVELS.get(i).map_or("free".into(), |n| format!("{} %", 100.0 * n));
+    let rows: Vec<Vec<String>> = (0..=NOISE_LEVELS.len())
         .map(|i| {
             let (j, s) = (&joints[i], &separables[i]);
-            let settled = |e: &Explanation| if e.settled { "" } else { " (not converged)" };
+            let converged = |e: &Explanation| if e.converged { "" } else { " (not converged)" };
             vec![
                 label(i),
-                format!("{:.2}{}", j.gloss.peak, settled(j)),
-                format!("{:.2}{}", s.gloss.peak, settled(s)),
+                format!("{:.2}{}", j.gloss.peak, converged(j)),
+                format!("{:.2}{}", s.gloss.peak, converged(s)),
                 format!("{:.3}", j.detail),
                 format!("{:.3}", s.detail),
                 format!("{:.2} %", 100.0 * j.misfit),
@@ -134,10 +136,10 @@ fn of_material(
         })
         .collect();
     let along = |list: &[Explanation], of: &dyn Fn(&Explanation) -> f64| -> Vec<(f64, f64)> {
-        NOISE.iter().zip(list).map(|(n, e)| (100.0 * n, of(e))).collect()
+        NOISE_LEVELS.iter().zip(list).map(|(n, e)| (100.0 * n, of(e))).collect()
     };
     let flat = |x: [f64; 2], y: f64| Series::dashed("truth", x.map(|x| (x, y)).to_vec());
-    let ends = [100.0 * NOISE[NOISE.len() - 1], 100.0 * NOISE[0]];
+    let ends = [100.0 * NOISE_LEVELS[NOISE_LEVELS.len() - 1], 100.0 * NOISE_LEVELS[0]];
     let panel = |title: &str, y: &str, axis: Axis, of: &dyn Fn(&Explanation) -> f64, true_value: f64| {
         let series = [
             Series::line("joint maximum", along(&joints, of)),
@@ -176,7 +178,7 @@ fn of_material(
         @for (what, strip) in &shown { (figure::tiles(&[(what.as_str(), strip.clone())])) }
         p.note {
             "Relit in " (NOVEL.1) ", the truth first; then the noise held at "
-            (NOISE.iter().map(|n| format!("{} %", 100.0 * n)).collect::<Vec<_>>().join(", ")) " and free."
+            (NOISE_LEVELS.iter().map(|n| format!("{} %", 100.0 * n)).collect::<Vec<_>>().join(", ")) " and free."
         }
         (figure::grid(19, &[
             panel("Gloss", "gloss", Axis::Linear, &|e| e.gloss.peak, truth.peak),
@@ -217,7 +219,7 @@ mod tests {
 
     #[test]
     fn detail_measures_the_two_finest_scales() {
-        let mut light = vec![0.0; SIDE * SIDE];
+        let mut light = vec![0.0; GRID_SIDE * GRID_SIDE];
         light[..64].fill(7.0);
         assert_eq!(detail(&light), 0.0);
         light[64..].fill(-0.5);

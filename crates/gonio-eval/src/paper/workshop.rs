@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
-use gonio::inference::{Hyper, JointMapSettings, Method, Posterior, Problem, VariationalSettings, infer};
+use gonio::inference::{Hyperparameters, JointMapSettings, Method, Posterior, Problem, VariationalSettings, infer};
 use gonio::model::Model;
 use gonio::reflectance::{BivariateTable, MerlTable};
 use gonio::render::LightTree;
@@ -122,14 +122,14 @@ impl PaperContext {
     /// Infers blind from an image: returns the posterior and its mean BRDF. `name` appears in error
     /// messages.
     pub(super) fn infer(&self, image: &Projected, name: &str) -> Result<(Posterior, BivariateTable)> {
-        self.infer_by(image, Hyper::with_model_error(image.pixels), &self.method, name)
+        self.infer_by(image, Hyperparameters::with_model_error(image.pixels), &self.method, name)
     }
 
     /// Infers blind by another method and with other priors of noise and exposure.
     pub(super) fn infer_by(
         &self,
         image: &Projected,
-        hyper: Hyper,
+        hyper: Hyperparameters,
         method: &Method,
         name: &str,
     ) -> Result<(Posterior, BivariateTable)> {
@@ -149,8 +149,9 @@ impl PaperContext {
     ) -> Result<BivariateTable> {
         let basis = &self.model.reflectance;
         let projected = Projected::under_known_light(rows, basis.len(), image);
-        let problem = Problem::with_known_light(&projected, &basis.rates, Hyper::with_model_error(projected.pixels))
-            .with_context(|| name.to_owned())?;
+        let problem =
+            Problem::with_known_light(&projected, &basis.rates, Hyperparameters::with_model_error(projected.pixels))
+                .with_context(|| name.to_owned())?;
         let settings = VariationalSettings { starts: 1, ..VariationalSettings::default() };
         Ok(self.solve(&problem, &Method::KnownLight(settings), name)?.1)
     }

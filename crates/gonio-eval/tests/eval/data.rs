@@ -9,7 +9,7 @@ use gonio::reflectance::{BivariateTable, TrainSettings, train, trusted_cells};
 use gonio::shape::SurfacePoint;
 use gonio::sphere::{OctahedralMap, fibonacci_hemisphere};
 use gonio::transfer::{InterleavedTables, Quadrature, QuadratureSettings, polar_reference};
-use gonio_io::fits::Fit;
+use gonio_io::fits::ParametricFit;
 
 fn data() -> Option<PathBuf> {
     let folder = std::env::var_os("GONIO_DATA").map(PathBuf::from).filter(|p| p.is_dir());
@@ -41,7 +41,7 @@ fn rank_ten_beats_cook_torrance_by_thirteen_and_seven() {
     let (_, report) = train(&materials, &TrainSettings::default()).unwrap();
     let (mut nmf, mut cook_torrance) = (Vec::new(), Vec::new());
     for (name, fit) in gonio_io::fits::read_fits(data.join("merl/ngan2005_cooktorrance.fit")).unwrap() {
-        let Fit::CookTorrance { diffuse, specular, f0, roughness } = fit else {
+        let ParametricFit::CookTorrance { diffuse, specular, f0, roughness } = fit else {
             panic!("{name} is not a Cook-Torrance fit")
         };
         let model = CookTorrance { diffuse: diffuse[1], specular: specular[1], f0, roughness }.to_bivariate();

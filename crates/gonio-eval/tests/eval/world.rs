@@ -7,6 +7,7 @@ use gonio::picture::Plane;
 use gonio::reflectance::parametric::{Ggx, Parametric};
 use gonio::reflectance::{BivariateTable, CELLS, MerlTable, THETA_D, THETA_H};
 use gonio::sphere::direction_of_lat_long;
+use gonio_io::picture::encode_hdr;
 
 /// Name of the material that also has a full table.
 pub(crate) const FULL: &str = "m4";
@@ -56,11 +57,11 @@ pub(crate) fn write(dir: &Path) {
     let lamps =
         [Vec3::new(0.5, 0.6, 0.6), Vec3::new(-0.7, 0.4, 0.6), Vec3::new(0.1, 0.9, -0.3), Vec3::new(-0.5, -0.1, 0.8)];
     for (i, lamp) in lamps.into_iter().enumerate() {
-        gonio_io::picture::write_hdr(lights.join(format!("l{i}.hdr")), &light(&[lamp], i as f64)).unwrap();
+        std::fs::write(lights.join(format!("l{i}.hdr")), encode_hdr(&light(&[lamp], i as f64))).unwrap();
     }
     let lamps = [Vec3::new(0.8, 0.3, 0.5), Vec3::new(-0.2, 0.7, 0.7), Vec3::new(0.0, 0.2, 1.0)];
     for i in 0..3 {
-        gonio_io::picture::write_hdr(training.join(format!("t{i}.hdr")), &light(&lamps[..=i], 0.5 * i as f64)).unwrap();
+        std::fs::write(training.join(format!("t{i}.hdr")), encode_hdr(&light(&lamps[..=i], 0.5 * i as f64))).unwrap();
     }
     let tables: Vec<BivariateTable> = (0..10).map(material).collect();
     write_tables(&merl, &tables, &|_| [1.0; 3]);

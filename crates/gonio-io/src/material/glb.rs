@@ -136,7 +136,7 @@ mod tests {
         let path = std::path::Path::new("sphere.glb");
         let (mesh, soundness) = crate::mesh::decode(path, &bytes).unwrap();
         assert_eq!(mesh.triangles().len(), usize::from(AROUND) * (2 * usize::from(RINGS) - 2));
-        assert_eq!((soundness.degenerate, soundness.inside_out, soundness.normals_against), (0, false, 0));
+        assert_eq!((soundness.degenerate, soundness.inside_out, soundness.inconsistent_normals), (0, false, 0));
         let (centre, radius) = mesh.bounds();
         assert!(centre.length() < 1e-3 && (radius - 1.0).abs() < 1e-3);
     }

@@ -22,7 +22,7 @@ mod write;
 
 use std::path::Path;
 
-use gonio::shape::{Form, Mesh, Soundness};
+use gonio::shape::{Form, Mesh, MeshDefects};
 
 use crate::{Error, guard};
 
@@ -38,12 +38,12 @@ const MAX_TRIANGLES: usize = 1 << 23;
 /// largest allowed number of bytes.
 type Fetch<'a> = &'a dyn Fn(&str, u64) -> Result<Vec<u8>, Error>;
 
-/// Reads a mesh; [`Soundness`] lists its defects.
+/// Reads a mesh; [`MeshDefects`] lists its defects.
 ///
 /// # Errors
 /// If the file cannot be read, has another format, is damaged, contains no surface, or has more
 /// than 2^23 triangles or vertices.
-pub fn read_mesh(path: impl AsRef<Path>) -> Result<(Mesh, Soundness), Error> {
+pub fn read_mesh(path: impl AsRef<Path>) -> Result<(Mesh, MeshDefects), Error> {
     let path = path.as_ref();
     let bytes = guard::read_whole(path, MAX_BYTES)?;
     decode_with(path, &bytes, &|name, length| gltf::read_sibling(path, name, length))
@@ -54,12 +54,12 @@ pub fn read_mesh(path: impl AsRef<Path>) -> Result<(Mesh, Soundness), Error> {
 ///
 /// # Errors
 /// Like [`read_mesh`].
-pub fn read_shape(path: impl AsRef<Path>) -> Result<(Mesh, Soundness), Error> {
+pub fn read_shape(path: impl AsRef<Path>) -> Result<(Mesh, MeshDefects), Error> {
     let path = path.as_ref();
     match path.to_str().and_then(Form::named).filter(|_| !path.exists()) {
         Some(form) => {
             let mesh = form.mesh(Form::CELLS).expect("Form::CELLS is fine enough for every built-in shape");
-            Ok((mesh, Soundness::default()))
+            Ok((mesh, MeshDefects::default()))
         }
         None => read_mesh(path),
     }
@@ -70,7 +70,7 @@ pub fn read_shape(path: impl AsRef<Path>) -> Result<(Mesh, Soundness), Error> {
 ///
 /// # Errors
 /// Like [`read_mesh`].
-pub fn decode(path: &Path, bytes: &[u8]) -> Result<(Mesh, Soundness), Error> {
+pub fn decode(path: &Path, bytes: &[u8]) -> Result<(Mesh, MeshDefects), Error> {
     decode_with(path, bytes, &|name, _| {
         Err(Error::unsupported(
             path,
@@ -80,7 +80,7 @@ pub fn decode(path: &Path, bytes: &[u8]) -> Result<(Mesh, Soundness), Error> {
     })
 }
 
-fn decode_with(path: &Path, bytes: &[u8], fetch: Fetch<'_>) -> Result<(Mesh, Soundness), Error> {
+fn decode_with(path: &Path, bytes: &[u8], fetch: Fetch<'_>) -> Result<(Mesh, MeshDefects), Error> {
     match Format::of(path, bytes)? {
         Format::Obj => obj::decode(path, bytes),
         Format::Ply => ply::decode(path, bytes),
@@ -158,7 +158,7 @@ mod tests {
     #[test]
     fn built_in_shapes_need_no_file() {
         let (mesh, soundness) = read_shape("bowl").unwrap();
-        assert!(mesh.triangles().len() > 1000 && soundness == Soundness::default());
+        assert!(mesh.triangles().len() > 1000 && soundness == MeshDefects::default());
         assert!(read_shape("cup").unwrap_err().to_string().starts_with("cup: "));
     }
 }

@@ -8,9 +8,9 @@
 use std::path::Path;
 
 use glam::DVec3;
-use gonio::shape::{Mesh, Soundness};
+use gonio::shape::{Mesh, MeshDefects};
 
-use super::parts::Parts;
+use super::parts::MeshBuilder;
 use crate::Error;
 
 /// Largest number of bytes of a line that an error message quotes.
@@ -18,8 +18,8 @@ const QUOTED: usize = 60;
 /// Message for an invalid face, after the number of its line.
 const INVALID_FACE: &str = "is not a valid face, or refers to a missing vertex";
 
-pub(super) fn decode(path: &Path, bytes: &[u8]) -> Result<(Mesh, Soundness), Error> {
-    let mut parts = Parts::new(path);
+pub(super) fn decode(path: &Path, bytes: &[u8]) -> Result<(Mesh, MeshDefects), Error> {
+    let mut parts = MeshBuilder::new(path);
     let mut normals: Vec<DVec3> = Vec::new();
     let mut early: Vec<(Vec<Corner>, usize)> = Vec::new();
     let mut joined = Vec::new();
@@ -88,7 +88,7 @@ pub(super) fn decode(path: &Path, bytes: &[u8]) -> Result<(Mesh, Soundness), Err
 type Corner = (u32, Option<usize>);
 
 /// Adds a face. Normals that the file does not contain are computed.
-fn add(parts: &mut Parts<'_>, normals: &[DVec3], face: &[Corner]) -> Result<(), Error> {
+fn add(parts: &mut MeshBuilder<'_>, normals: &[DVec3], face: &[Corner]) -> Result<(), Error> {
     let (corners, of_corners): (Vec<u32>, Vec<DVec3>) = face
         .iter()
         .map(|(vertex, normal)| (*vertex, normal.and_then(|n| normals.get(n)).copied().unwrap_or(DVec3::ZERO)))
@@ -129,7 +129,7 @@ mod tests {
     use super::*;
     use crate::Kind;
 
-    fn read(text: &str) -> Result<(Mesh, Soundness), Error> {
+    fn read(text: &str) -> Result<(Mesh, MeshDefects), Error> {
         decode(Path::new("a.obj"), text.as_bytes())
     }
 

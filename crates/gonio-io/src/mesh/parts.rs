@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use glam::{DVec2, DVec3};
-use gonio::shape::{Mesh, MeshParts, Soundness};
+use gonio::shape::{Mesh, MeshDefects, MeshParts};
 
 use super::MAX_TRIANGLES;
 use crate::Error;
@@ -15,7 +15,7 @@ const MAX_CONCAVE: usize = 256;
 const MAX_DISPLACEMENTS: u64 = 1 << 27;
 
 /// Contents collected from a file.
-pub(super) struct Parts<'a> {
+pub(super) struct MeshBuilder<'a> {
     path: &'a Path,
     pub(super) positions: Vec<DVec3>,
     triangles: Vec<[u32; 3]>,
@@ -25,7 +25,7 @@ pub(super) struct Parts<'a> {
     displacements: u64,
 }
 
-impl<'a> Parts<'a> {
+impl<'a> MeshBuilder<'a> {
     pub(super) fn new(path: &'a Path) -> Self {
         let (positions, triangles, normals) = (Vec::new(), Vec::new(), Vec::new());
         Self { path, positions, triangles, normals, any_normals: false, displacements: 0 }
@@ -93,7 +93,7 @@ impl<'a> Parts<'a> {
     }
 
     /// Builds the mesh, or returns the error of [`Mesh::new`].
-    pub(super) fn finish(self) -> Result<(Mesh, Soundness), Error> {
+    pub(super) fn finish(self) -> Result<(Mesh, MeshDefects), Error> {
         let normals = self.any_normals.then_some(self.normals);
         Mesh::new(MeshParts { positions: self.positions, triangles: self.triangles, normals }).map_err(|e| {
             // The text of the error ends with the advice.

@@ -4,22 +4,22 @@ use std::io::ErrorKind;
 use std::path::Path;
 
 use glam::DVec3;
-use gonio::shape::{Mesh, Soundness};
+use gonio::shape::{Mesh, MeshDefects};
 use ply_rs_bw::parser::{ParseError, Parser, Reader};
 use ply_rs_bw::ply::{
     ElementDef, Encoding, Header, Property, PropertyAccess, PropertyAccessResult, PropertyType, ScalarType,
 };
 
 use super::MAX_TRIANGLES;
-use super::parts::Parts;
+use super::parts::MeshBuilder;
 use crate::{Error, guard};
 
 /// Longest header in bytes.
-const LONGEST_HEADER: usize = 1 << 16;
+const MAX_HEADER_BYTES: usize = 1 << 16;
 /// Longest line of text in bytes; reading it takes ten times its length in memory.
-const LONGEST_LINE: usize = 1 << 20;
+const MAX_LINE_LENGTH: usize = 1 << 20;
 
-pub(super) fn decode(path: &Path, bytes: &[u8]) -> Result<(Mesh, Soundness), Error> {
+pub(super) fn decode(path: &Path, bytes: &[u8]) -> Result<(Mesh, MeshDefects), Error> {
     guard::catching(path, "PLY", || {
         let failed = |e: ParseError| explain(path, &e);
         check_header(path, bytes)?;
@@ -29,7 +29,7 @@ pub(super) fn decode(path: &Path, bytes: &[u8]) -> Result<(Mesh, Soundness), Err
         if header.encoding == Encoding::Ascii {
             check_lines(path, reader.get_ref())?;
         }
-        let mut parts = Parts::new(path);
+        let mut parts = MeshBuilder::new(path);
         let mut normals: Option<Vec<DVec3>> = None;
         let mut faces: Vec<Face> = Vec::new();
         for (name, element) in &header.elements {
@@ -86,7 +86,7 @@ const FACES: [&str; 2] = ["vertex_indices", "vertex_index"];
 
 /// Checks that the header ends, so that the parser does not search the whole file for its end.
 fn check_header(path: &Path, bytes: &[u8]) -> Result<(), Error> {
-    let start = &bytes[..bytes.len().min(LONGEST_HEADER)];
+    let start = &bytes[..bytes.len().min(MAX_HEADER_BYTES)];
     if start.windows(10).any(|w| w == b"end_header") {
         return Ok(());
     }
@@ -94,8 +94,8 @@ fn check_header(path: &Path, bytes: &[u8]) -> Result<(), Error> {
 }
 
 fn check_lines(path: &Path, text: &[u8]) -> Result<(), Error> {
-    if text.split(|b| *b == b'\n').any(|line| line.len() > LONGEST_LINE) {
-        let problem = format!("has a line of more than {LONGEST_LINE} bytes");
+    if text.split(|b| *b == b'\n').any(|line| line.len() > MAX_LINE_LENGTH) {
+        let problem = format!("has a line of more than {MAX_LINE_LENGTH} bytes");
         return Err(Error::limits(path, problem, "export the mesh as binary PLY"));
     }
     Ok(())
@@ -227,7 +227,7 @@ mod tests {
     use super::*;
     use crate::Kind;
 
-    fn read(bytes: &[u8]) -> Result<(Mesh, Soundness), Error> {
+    fn read(bytes: &[u8]) -> Result<(Mesh, MeshDefects), Error> {
         decode(Path::new("a.ply"), bytes)
     }
 

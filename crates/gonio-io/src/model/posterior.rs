@@ -2,7 +2,7 @@
 
 use gonio::inference::learnt::{Candidates, Encoder, EncoderShape, LearntPosterior};
 use gonio::model::check_posterior;
-use gonio::reflectance::{CELLS, Coordinates, THETA_D, THETA_H};
+use gonio::reflectance::{CELLS, LatentSpace, THETA_D, THETA_H};
 
 use super::container::{Container, Metadata, Tensor};
 use crate::Error;
@@ -30,7 +30,8 @@ const EMBEDDINGS: &str = "embeddings";
 
 /// Returns metadata and tensors, those of the widest type first.
 pub(super) fn parts(learnt: &LearntPosterior) -> (Metadata, Vec<Tensor>) {
-    let LearntPosterior { names, measured, prior, coordinates, widths, encoder, ranges, colours } = learnt;
+    let LearntPosterior { names, measured, prior, latent_space: coordinates, widths, encoder, ranges, colours } =
+        learnt;
     let dimensions = coordinates.axes.len();
     let ranges: Vec<f32> = ranges.iter().flat_map(|(low, high)| [*low, *high]).collect();
     let outputs = encoder.shape().outputs;
@@ -41,8 +42,8 @@ pub(super) fn parts(learnt: &LearntPosterior) -> (Metadata, Vec<Tensor>) {
         Tensor::f32("ranges", &[ranges.len() / 2, 2], &ranges),
     ];
     for (name, of) in [(MEASURED, measured), (PRIOR, prior)] {
-        let count = of.places.len();
-        tensors.push(Tensor::f32(format!("{name}{PLACES}"), &[count, dimensions], &of.places.concat()));
+        let count = of.coordinates.len();
+        tensors.push(Tensor::f32(format!("{name}{PLACES}"), &[count, dimensions], &of.coordinates.concat()));
         tensors.push(Tensor::f32(format!("{name}{EMBEDDINGS}"), &[count, outputs], &of.embeddings.concat()));
     }
     for (name, shape, values) in encoder.tensors() {
@@ -64,7 +65,7 @@ pub(super) fn of(file: &Container<'_>) -> Result<LearntPosterior, Error> {
     let names: Vec<String> = file.json(NAMES)?;
     let (_, mean) = file.f32s("place_mean", &cells)?;
     let (_, axes) = file.f32s("place_axes", &[None, Some(THETA_H), Some(THETA_D)])?;
-    let coordinates = Coordinates { mean, axes: rows(&axes, CELLS) };
+    let coordinates = LatentSpace { mean, axes: rows(&axes, CELLS) };
     let (_, widths) = file.f32s("widths", &cells)?;
     let (_, ranges) = file.f32s("ranges", &[None, Some(2)])?;
     let ranges = ranges.chunks_exact(2).map(|r| (r[0], r[1])).collect();
@@ -77,11 +78,12 @@ pub(super) fn of(file: &Container<'_>) -> Result<LearntPosterior, Error> {
     let candidates = |name: &str| -> Result<Candidates, Error> {
         let (_, places) = file.f32s(&format!("{name}{PLACES}"), &[None, Some(coordinates.axes.len())])?;
         let (_, embeddings) = file.f32s(&format!("{name}{EMBEDDINGS}"), &[None, Some(outputs)])?;
-        Ok(Candidates { places: rows(&places, coordinates.axes.len()), embeddings: rows(&embeddings, outputs) })
+        Ok(Candidates { coordinates: rows(&places, coordinates.axes.len()), embeddings: rows(&embeddings, outputs) })
     };
     let colours = file.says(COLOURS).then(|| file.json(COLOURS)).transpose()?;
     let (measured, prior) = (candidates(MEASURED)?, candidates(PRIOR)?);
-    let learnt = LearntPosterior { names, measured, prior, coordinates, widths, encoder, ranges, colours };
+    let learnt =
+        LearntPosterior { names, measured, prior, latent_space: coordinates, widths, encoder, ranges, colours };
     // Checked before anything is computed from it.
     check_posterior(&learnt).map_err(|e| wrong(e.to_string()))?;
     Ok(learnt)

@@ -208,7 +208,7 @@ static KNOWING: LazyLock<Model> = LazyLock::new(|| {
     let dictionary = Dictionary::new(basis, &settings);
     let shape = EncoderShape { widths: vec![1, 2], hidden: vec![3], ..EncoderShape::new(CHANNELS, GLOBALS, 5) };
     let candidates = |count: usize| Candidates {
-        places: (0..count).map(|at| vec![at as f32, 0.5]).collect(),
+        coordinates: (0..count).map(|at| vec![at as f32, 0.5]).collect(),
         embeddings: (0..count).map(|at| vec![1.0 / (1.0 + at as f32); 5]).collect(),
     };
     let layers: Vec<_> = shape.convolutions().into_iter().chain(shape.dense_layers()).collect();
@@ -223,7 +223,7 @@ static KNOWING: LazyLock<Model> = LazyLock::new(|| {
         names: dictionary.measured.names.clone(),
         measured: candidates(2),
         prior: candidates(7),
-        coordinates: dictionary.coordinates.clone(),
+        latent_space: dictionary.latent_space.clone(),
         widths: vec![0.1; CELLS],
         encoder: Encoder::from_tensors(shape, find).unwrap(),
         ranges: vec![(-1.0, 1.0 / 3.0); 3],
@@ -276,12 +276,12 @@ fn inconsistent_posteriors_are_rejected() {
         assert!(model.check().is_err(), "{message}");
         refused(decode(&encode_model(&model)), Kind::Invalid, &[message]);
     };
-    spoilt(|p| p.coordinates.mean[5] = f32::NAN, "a table has values that are not finite");
+    spoilt(|p| p.latent_space.mean[5] = f32::NAN, "a table has values that are not finite");
     spoilt(|p| p.widths[7] = f32::INFINITY, "a table has values that are not finite");
-    spoilt(|p| p.measured.places[1][0] = f32::NAN, "a place has values that are not finite");
+    spoilt(|p| p.measured.coordinates[1][0] = f32::NAN, "a place has values that are not finite");
     spoilt(|p| p.prior.embeddings[6][4] = f32::NAN, "an embedding has values that are not finite");
     spoilt(|p| p.names.truncate(1), "the list of material coordinates has 2 values instead of 1");
-    spoilt(|p| p.prior = Candidates { places: vec![], embeddings: vec![] }, "no materials of the prior");
+    spoilt(|p| p.prior = Candidates { coordinates: vec![], embeddings: vec![] }, "no materials of the prior");
     spoilt(|p| p.ranges.truncate(2), "the list of feature ranges has 2 values instead of 3");
     spoilt(|p| p.ranges[1] = (1.0, 0.0), "feature 1 has an invalid range");
     spoilt(|p| p.colours.as_mut().unwrap().errors[1][2][2] = 0.0, "variances that are not positive");
@@ -293,12 +293,12 @@ fn a_rounded_model_is_close_to_the_original() {
     let (whole, bytes) = (learnt(embedded().unwrap()), embedded_rounded(14).unwrap());
     let rounded = learnt(decode(&bytes).unwrap());
     let (mut most, mut changed) = (0.0_f32, 0);
-    for (a, b) in whole.prior.places.concat().iter().zip(rounded.prior.places.concat()) {
+    for (a, b) in whole.prior.coordinates.concat().iter().zip(rounded.prior.coordinates.concat()) {
         most = most.max((a - b).abs() / a.abs().max(1e-6));
         changed += usize::from(*a != b);
     }
     assert!(changed > 1000 && most <= 0.5_f32.powi(14), "{changed} {most}");
-    assert_eq!(learnt(decode(&embedded_rounded(24).unwrap()).unwrap()).prior.places, whole.prior.places);
+    assert_eq!(learnt(decode(&embedded_rounded(24).unwrap()).unwrap()).prior.coordinates, whole.prior.coordinates);
 }
 
 #[test]

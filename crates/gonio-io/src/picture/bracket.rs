@@ -8,13 +8,13 @@ use gonio::suggestion::Suggestion;
 use image::DynamicImage;
 use image::metadata::Orientation;
 
-use super::space::{Conversion, SpaceSource, Stated};
-use super::{Decoded, Encoding, Format, InputSpace, ReadOptions, Shot, integer};
+use super::space::{Conversion, DeclaredSpace, SpaceSource};
+use super::{Decoded, Encoding, ExposureSettings, Format, InputSpace, ReadOptions, integer};
 use crate::colour_space::ColourSpace;
 use crate::{Error, guard};
 
 /// Largest total number of pixels in a bracket.
-const MOST_PIXELS: u64 = 1 << 29;
+const MAX_PIXELS: u64 = 1 << 29;
 
 /// Options for reading a bracket.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -33,7 +33,7 @@ pub struct Bracket {
     /// Coverage in 0..=1, if the first file has an alpha channel.
     pub alpha: Option<Plane<f32>>,
     /// Camera settings of each picture.
-    pub shots: Vec<Shot>,
+    pub exposure_settings: Vec<ExposureSettings>,
     /// Whether the codes are linear radiance, because the files are camera raw files.
     pub linear: bool,
     /// Colour space of all files.
@@ -57,7 +57,7 @@ struct Coded {
     codes: Codes,
     alpha: Option<Plane<f32>>,
     orientation: Orientation,
-    shot: Shot,
+    shot: ExposureSettings,
     linear: bool,
     space: (Conversion, InputSpace),
 }
@@ -115,18 +115,18 @@ fn decode_codes(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Code
     let integer::Loaded { image, samples, orientation, embedded } = integer::load(path, bytes, format, options)?;
     let space = space_of(embedded.stated, samples.is_grey, options.colour_space);
     let (codes, alpha) = codes_of(path, image, orientation)?;
-    Ok(Coded { codes, alpha, orientation, shot: Shot::of(bytes), linear: false, space })
+    Ok(Coded { codes, alpha, orientation, shot: ExposureSettings::of(bytes), linear: false, space })
 }
 
 /// Returns the colour space of the merged radiance. A table in an ICC profile applies to codes, not
 /// to radiance.
-fn space_of(stated: Stated, is_grey: bool, given: Option<ColourSpace>) -> (Conversion, InputSpace) {
+fn space_of(stated: DeclaredSpace, is_grey: bool, given: Option<ColourSpace>) -> (Conversion, InputSpace) {
     match stated.space {
         _ if is_grey => (Conversion::None, InputSpace::unconverted("grey", SpaceSource::Grey)),
         Some((Conversion::Table(_), ..)) => {
             let unusable =
                 Some("the table of the ICC profile (the table applies to codes, not to merged radiance)".to_owned());
-            Stated { space: None, unusable }.settle(given)
+            DeclaredSpace { space: None, unusable }.settle(given)
         }
         _ => stated.settle(given),
     }
@@ -187,9 +187,9 @@ fn check_alike(files: &[(&Path, Coded)]) -> Result<(), Error> {
         let problem = format!("has the colour space {}, but {other} has {}", last.space.1.name, first.space.1.name);
         return Err(Error::invalid(path, problem, "use exposures of the same colour space"));
     }
-    if (w * h) as u64 * files.len() as u64 > MOST_PIXELS {
+    if (w * h) as u64 * files.len() as u64 > MAX_PIXELS {
         let problem =
-            format!("is exposure {} of {w}x{h} pixels, which exceeds the total of {MOST_PIXELS} pixels", files.len());
+            format!("is exposure {} of {w}x{h} pixels, which exceeds the total of {MAX_PIXELS} pixels", files.len());
         return Err(Error::limits(path, problem, "scale the exposures down, or use fewer"));
     }
     Ok(())
@@ -198,16 +198,16 @@ fn check_alike(files: &[(&Path, Coded)]) -> Result<(), Error> {
 /// Assembles the files with their amounts of light.
 fn assemble(files: Vec<(&Path, Coded)>, options: &BracketOptions) -> Result<Bracket, Error> {
     let amounts = amounts(&files, options.times.as_deref())?;
-    let (conversion, input) = Stated::default().settle(options.read.colour_space);
+    let (conversion, input) = DeclaredSpace::default().settle(options.read.colour_space);
     let mut bracket =
-        Bracket { exposures: Vec::new(), alpha: None, shots: Vec::new(), linear: false, input, conversion };
+        Bracket { exposures: Vec::new(), alpha: None, exposure_settings: Vec::new(), linear: false, input, conversion };
     for (i, ((_, file), amount)) in files.into_iter().zip(amounts).enumerate() {
         if i == 0 {
             (bracket.alpha, bracket.linear) = (file.alpha, file.linear);
             (bracket.conversion, bracket.input) = file.space;
         }
         bracket.exposures.push(Exposure { codes: file.codes, amount });
-        bracket.shots.push(file.shot);
+        bracket.exposure_settings.push(file.shot);
     }
     Ok(bracket)
 }
@@ -231,7 +231,7 @@ fn amounts(files: &[(&Path, Coded)], times: Option<&[f64]>) -> Result<Vec<f64>, 
         return Ok(vec![1.0]);
     }
     // A factor that only some files state cannot be assumed to be constant.
-    let factor = |what: &str, of: fn(&Shot) -> Option<f64>| -> Result<Vec<f64>, Error> {
+    let factor = |what: &str, of: fn(&ExposureSettings) -> Option<f64>| -> Result<Vec<f64>, Error> {
         let told: Vec<_> = files.iter().map(|(_, f)| of(&f.shot)).collect();
         if told.iter().all(Option::is_none) {
             return Ok(vec![1.0; files.len()]);

@@ -7,7 +7,7 @@ use image::{ImageDecoder, ImageFormat};
 use super::curve::Curve;
 use super::icc::{self, MAX_PROFILE, Profile};
 use super::png::{ColourChunks, colour_chunks};
-use super::space::{Conversion, SpaceSource, Stated};
+use super::space::{Conversion, DeclaredSpace, SpaceSource};
 use super::tiff;
 use crate::Error;
 use crate::colour_space::{ColourSpace, Primaries};
@@ -18,7 +18,7 @@ pub(super) struct Embedded {
     /// The curve, if the file states one.
     pub(super) curve: Option<Curve>,
     /// The colour space.
-    pub(super) stated: Stated,
+    pub(super) stated: DeclaredSpace,
     /// Whether codes use the narrow range of video, 16 to 235 of 8 bits.
     pub(super) narrow: bool,
 }
@@ -63,7 +63,7 @@ impl Embedded {
 
     fn of_profile(bytes: Vec<u8>) -> Self {
         let unusable = |problem: &str| {
-            let stated = Stated { space: None, unusable: Some(format!("the ICC profile ({problem})")) };
+            let stated = DeclaredSpace { space: None, unusable: Some(format!("the ICC profile ({problem})")) };
             Self { stated, ..Self::default() }
         };
         let damaged = "damaged tone curves";
@@ -71,7 +71,7 @@ impl Embedded {
             Ok(Profile::Matrix { curves, to_rec709, name }) => {
                 let Some(curve) = Curve::of_icc(curves.each_ref()) else { return unusable(damaged) };
                 let space = Some((Conversion::Matrix(to_rec709), Some(name), SpaceSource::Icc));
-                Self { curve: Some(curve), stated: Stated { space, unusable: None }, narrow: false }
+                Self { curve: Some(curve), stated: DeclaredSpace { space, unusable: None }, narrow: false }
             }
             Ok(Profile::Grey { curve }) => {
                 let Some(curve) = Curve::of_icc([&curve; 3]) else { return unusable(damaged) };
@@ -79,7 +79,7 @@ impl Embedded {
             }
             Ok(Profile::Table { name }) => {
                 let space = Some((Conversion::Table(bytes), Some(name), SpaceSource::Icc));
-                Self { curve: Some(Curve::Linear), stated: Stated { space, unusable: None }, narrow: false }
+                Self { curve: Some(Curve::Linear), stated: DeclaredSpace { space, unusable: None }, narrow: false }
             }
             Err(problem) => unusable(&problem),
         }
@@ -95,10 +95,10 @@ impl Embedded {
         }
         if srgb {
             let space = (Conversion::Matrix(ColourSpace::Rec709.to_rec709()), None, SpaceSource::Chunks);
-            let stated = Stated { space: Some(space), unusable: None };
+            let stated = DeclaredSpace { space: Some(space), unusable: None };
             return Self { curve: Some(Curve::Srgb), stated, narrow: false };
         }
-        let stated = |primaries| Stated::primaries(&primaries, SpaceSource::Chunks, "the numbers of cHRM");
+        let stated = |primaries| DeclaredSpace::primaries(&primaries, SpaceSource::Chunks, "the numbers of cHRM");
         let curve = gamma.map(|gamma| Curve::power(1.0 / gamma));
         Self { curve, stated: primaries.map(stated).unwrap_or_default(), narrow: false }
     }
@@ -107,10 +107,10 @@ impl Embedded {
     /// matrix coefficients are not those of RGB.
     fn of_cicp([primaries, transfer, _, full_range]: [u8; 4]) -> Self {
         let mut stated = match of_h273(primaries) {
-            Some(primaries) => Stated::primaries(&primaries, SpaceSource::Cicp, "the primaries of cICP"),
+            Some(primaries) => DeclaredSpace::primaries(&primaries, SpaceSource::Cicp, "the primaries of cICP"),
             // Unspecified primaries: the file states only the curve.
-            None if primaries == 2 => Stated::default(),
-            None => Stated { space: None, unusable: Some(format!("the colour primaries {primaries} of cICP")) },
+            None if primaries == 2 => DeclaredSpace::default(),
+            None => DeclaredSpace { space: None, unusable: Some(format!("the colour primaries {primaries} of cICP")) },
         };
         let curve = Curve::of_cicp(transfer);
         if curve.is_none() && transfer != 2 {

@@ -16,7 +16,7 @@ use gonio::picture::{Picture, Plane};
 use rayon::prelude::*;
 
 use super::layers::{Chosen, Colours, Selection, choose};
-use super::space::{Conversion, InputSpace, SpaceSource, Stated};
+use super::space::{Conversion, DeclaredSpace, InputSpace, SpaceSource};
 use super::subsampled::{Subsampled, at_full_resolution};
 use super::{Decoded, Encoding, LayerChoice, ReadOptions};
 use crate::colour_space::{ColourSpace, Primaries};
@@ -62,7 +62,7 @@ pub(super) fn decode(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result
     let (conversion, input) = match colours {
         Colours::Grey => (Conversion::None, InputSpace::unconverted("grey", SpaceSource::Grey)),
         Colours::Rgb | Colours::Chroma => {
-            let stated = |c| Stated::primaries(&primaries(c), SpaceSource::Chromaticities, "the chromaticities");
+            let stated = |c| DeclaredSpace::primaries(&primaries(c), SpaceSource::Chromaticities, "the chromaticities");
             chromaticities.map(stated).unwrap_or_default().settle(options.colour_space)
         }
     };

@@ -11,7 +11,7 @@ use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits};
 
 use super::curve::Curve;
 use super::embedded::Embedded;
-use super::space::{Conversion, InputSpace, SpaceSource, Stated};
+use super::space::{Conversion, DeclaredSpace, InputSpace, SpaceSource};
 use super::{Decoded, Encoding, ReadOptions, jpeg, tiff};
 use crate::{Error, guard};
 
@@ -147,7 +147,7 @@ fn unpack(
         _ if is_table && options.linear => {
             let unusable =
                 Some("the table of the ICC profile (the table applies to codes, not to linear values)".to_owned());
-            Stated { space: None, unusable }.settle(options.colour_space)
+            DeclaredSpace { space: None, unusable }.settle(options.colour_space)
         }
         _ => stated.settle(options.colour_space),
     };

@@ -8,7 +8,7 @@ use super::{Encoding, Format, ReadOptions, decode_unconverted, groups, read_chan
 use crate::{Error, guard};
 
 /// Largest distance of a float value outside 0..=1 that counts as rounding.
-const SLACK: f32 = 1e-3;
+const ROUNDING: f32 = 1e-3;
 
 /// Reads a mask from a picture of any supported format: 1 inside the object, 0 outside.
 ///
@@ -77,7 +77,7 @@ fn mask_of(picture: Picture, associated: bool) -> Plane<f32> {
 
 /// Clamps values outside 0..=1 within rounding and rejects others.
 fn unit_range(path: &Path, mask: Plane<f32>) -> Result<Plane<f32>, Error> {
-    let odd = |v: f32| !(-SLACK..=1.0 + SLACK).contains(&v);
+    let odd = |v: f32| !(-ROUNDING..=1.0 + ROUNDING).contains(&v);
     if let Some(&v) = mask.as_slice().iter().find(|&&v| odd(v)) {
         let problem = format!("contains the value {v}, which is invalid in a mask");
         return Err(Error::invalid(path, problem, "use values from 0 (outside) to 1 (object)"));

@@ -59,13 +59,12 @@ pub(crate) use exr::read_channels;
 pub use flat::{divide_by_flat, subtract_black};
 pub(crate) use layers::{Selection, groups};
 pub use mask::read_mask;
-pub use response::{decode_response, encode_response, read_response, write_response};
-pub use shot::Shot;
+pub use response::{decode_response, encode_response, read_response};
+pub use shot::ExposureSettings;
 pub use space::{InputSpace, SpaceSource};
 pub use write::{
     ExrOptions, encode_exr, encode_exr_clipped, encode_exr_in, encode_exr_layers, encode_exr_with, encode_hdr,
-    encode_pfm, encode_png, encode_png_signed, encode_png_srgb8, is_signed, write_exr, write_hdr, write_pfm, write_png,
-    write_png_srgb8,
+    encode_pfm, encode_png, encode_png_signed, encode_png_srgb8, is_signed,
 };
 
 /// Options for reading a picture.

@@ -8,15 +8,15 @@ use std::path::Path;
 use glam::Vec3;
 use gonio::picture::Plane;
 
-use super::space::{Conversion, InputSpace, SpaceSource, Stated};
+use super::space::{Conversion, DeclaredSpace, InputSpace, SpaceSource};
 use super::{Decoded, ReadOptions, float_picture};
 use crate::Error;
 
 /// Largest number of bytes in which the header must end; anything longer is not a header.
-const LONGEST_HEADER: usize = 256;
+const MAX_HEADER_BYTES: usize = 256;
 
 pub(super) fn decode(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Decoded, Error> {
-    let mut tokens = Tokens { bytes: &bytes[..bytes.len().min(LONGEST_HEADER)], at: 0 };
+    let mut tokens = Tokens { bytes: &bytes[..bytes.len().min(MAX_HEADER_BYTES)], at: 0 };
     let channels = match tokens.next() {
         Some("PF") => 3,
         Some("Pf") => 1,
@@ -61,7 +61,7 @@ pub(super) fn decode(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result
     };
     let space = match channels {
         1 => (Conversion::None, InputSpace::unconverted("grey", SpaceSource::Grey)),
-        _ => Stated::default().settle(options.colour_space),
+        _ => DeclaredSpace::default().settle(options.colour_space),
     };
     Ok(float_picture((width, height), rgb, space))
 }

@@ -10,7 +10,7 @@ use image::ImageDecoder;
 use image::codecs::hdr::{HdrDecoder, HdrEncoder, HdrMetadata};
 
 use super::integer::explain;
-use super::space::{SpaceSource, Stated};
+use super::space::{DeclaredSpace, SpaceSource};
 use super::{Decoded, ReadOptions, float_picture};
 use crate::colour_space::Primaries;
 use crate::{Error, guard};
@@ -19,7 +19,7 @@ use crate::{Error, guard};
 /// takes 4.
 const PIXELS_PER_BYTE: usize = 64;
 /// Largest value of the format, a little below 2^127.
-const LARGEST_VALUE: f32 = 1.6e38;
+const MAX_VALUE: f32 = 1.6e38;
 /// Colours with a largest channel below this value become black.
 const SMALLEST: f32 = 1e-32;
 
@@ -68,17 +68,17 @@ fn factor_of(metadata: &HdrMetadata) -> Option<Vec3> {
 }
 
 /// Longest header in bytes.
-const LONGEST_HEADER: usize = 1 << 16;
+const MAX_HEADER_BYTES: usize = 1 << 16;
 
 /// Lists the lines of a header, up to the first empty one.
 fn header_lines(bytes: &[u8]) -> impl Iterator<Item = &[u8]> {
-    let header = &bytes[..bytes.len().min(LONGEST_HEADER)];
+    let header = &bytes[..bytes.len().min(MAX_HEADER_BYTES)];
     header.split(|b| *b == b'\n').map(<[u8]>::trim_ascii_end).take_while(|line| !line.is_empty())
 }
 
 /// Replaces CR LF with LF in the header and at the end of the resolution line.
 fn with_unix_lines(bytes: &[u8]) -> Cow<'_, [u8]> {
-    let header = &bytes[..bytes.len().min(LONGEST_HEADER)];
+    let header = &bytes[..bytes.len().min(MAX_HEADER_BYTES)];
     let Some(blank) = header.windows(4).position(|w| w == b"\r\n\r\n") else { return Cow::Borrowed(bytes) };
     let rest = &bytes[blank + 4..];
     let resolution = rest.iter().position(|b| *b == b'\n').map_or(rest.len(), |at| at + 1);
@@ -107,7 +107,7 @@ impl Axes {
     }
 
     fn parse(bytes: &[u8]) -> Option<(Self, Vec<u8>)> {
-        let header = &bytes[..bytes.len().min(LONGEST_HEADER)];
+        let header = &bytes[..bytes.len().min(MAX_HEADER_BYTES)];
         let start = header.windows(2).position(|w| w == b"\n\n")? + 2;
         let end = start + header[start..].iter().position(|b| *b == b'\n')?;
         let words: Vec<&str> = std::str::from_utf8(&header[start..end]).ok()?.split_whitespace().collect();
@@ -141,12 +141,12 @@ impl Axes {
 }
 
 /// Returns the colour space of the last `PRIMARIES=` line: x and y of red, green, blue and white.
-fn stated(lines: &[String]) -> Stated {
-    let Some(line) = lines.last() else { return Stated::default() };
+fn stated(lines: &[String]) -> DeclaredSpace {
+    let Some(line) = lines.last() else { return DeclaredSpace::default() };
     let numbers: Option<Vec<f64>> = line.split_whitespace().map(|word| word.parse().ok()).collect();
     match numbers.and_then(|numbers| numbers.try_into().ok()) {
-        Some(xy) => Stated::primaries(&Primaries::from_array(xy), SpaceSource::Primaries, "PRIMARIES"),
-        None => Stated { space: None, unusable: Some("PRIMARIES (not eight numbers)".to_owned()) },
+        Some(xy) => DeclaredSpace::primaries(&Primaries::from_array(xy), SpaceSource::Primaries, "PRIMARIES"),
+        None => DeclaredSpace { space: None, unusable: Some("PRIMARIES (not eight numbers)".to_owned()) },
     }
 }
 
@@ -160,7 +160,7 @@ pub(super) fn encode(rgb: &Plane<Vec3>) -> Vec<u8> {
 /// Returns the nearest colour that the format can represent. The encoder truncates, which would
 /// darken pictures by 0.4 %.
 fn rounded(v: Vec3) -> [f32; 3] {
-    let v = v.to_array().map(|v| if v > 0.0 { v.min(LARGEST_VALUE) } else { 0.0 });
+    let v = v.to_array().map(|v| if v > 0.0 { v.min(MAX_VALUE) } else { 0.0 });
     let largest = v.iter().fold(0.0_f32, |a, &b| a.max(b));
     if largest < SMALLEST {
         return [0.0; 3];

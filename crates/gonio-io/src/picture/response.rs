@@ -19,7 +19,7 @@ use std::path::Path;
 
 use gonio::bracket::Response;
 
-use crate::{Error, atomic, guard};
+use crate::{Error, guard};
 
 /// Longest file in bytes, larger than 65536 lines of three numbers.
 const MAX_BYTES: u64 = 1 << 24;
@@ -74,14 +74,6 @@ pub fn encode_response(response: &Response) -> Vec<u8> {
         writeln!(text, "{code},{r:.9},{g:.9},{b:.9}").expect("writing to a String cannot fail");
     }
     text.into_bytes()
-}
-
-/// Writes the result of [`encode_response`] to a file.
-///
-/// # Errors
-/// If the file cannot be written; no partial file is left then.
-pub fn write_response(path: impl AsRef<Path>, response: &Response) -> Result<(), Error> {
-    atomic::write_file(path, &encode_response(response))
 }
 
 #[cfg(test)]

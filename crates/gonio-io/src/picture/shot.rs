@@ -7,7 +7,7 @@ use exif::{Context, In, Reader, Tag, Value};
 /// Camera settings that determine the brightness of a picture; `None` if the file does not state
 /// them.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Shot {
+pub struct ExposureSettings {
     /// Exposure time, seconds; positive.
     pub seconds: Option<f64>,
     /// Focal length over the diameter of the aperture; positive.
@@ -16,7 +16,7 @@ pub struct Shot {
     pub iso: Option<f64>,
 }
 
-impl Shot {
+impl ExposureSettings {
     /// Reads the EXIF data of a JPEG, PNG or TIFF file. Missing and unreadable settings are `None`.
     pub fn of(bytes: &[u8]) -> Self {
         // A panic of the third-party parser on damaged data must not prevent reading the picture.

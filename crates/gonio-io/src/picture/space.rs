@@ -84,14 +84,14 @@ pub(super) enum Conversion {
 
 /// Colour information of a file: its primaries, or a table instead of them.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Stated {
+pub(super) struct DeclaredSpace {
     /// Conversion, name (unless it is that of a named space) and source.
     pub(super) space: Option<(Conversion, Option<String>, SpaceSource)>,
     /// Colour information that could not be used, and why.
     pub(super) unusable: Option<String>,
 }
 
-impl Stated {
+impl DeclaredSpace {
     /// Returns the space of the chromaticities in a file; `field` is their name in messages.
     pub(super) fn primaries(primaries: &Primaries, source: SpaceSource, field: &str) -> Self {
         match primaries.to_rec709() {
@@ -130,7 +130,7 @@ impl Decoded {
     /// Wraps a picture in memory with linear colours in a colour space. `full_scale` is the
     /// radiance at or above which a channel is clipped.
     pub fn linear(picture: Picture, full_scale: Option<f32>, space: ColourSpace) -> Self {
-        let (conversion, input) = Stated::default().settle(Some(space));
+        let (conversion, input) = DeclaredSpace::default().settle(Some(space));
         Self { picture, encoding: Encoding::LinearFloat, full_scale, layer: None, input, conversion }
     }
 
@@ -219,7 +219,7 @@ mod tests {
     use super::*;
 
     fn decoded(space: ColourSpace, pixels: Vec<Vec3>, full_scale: Option<f32>) -> Decoded {
-        let stated = Stated::primaries(&space.primaries(), SpaceSource::Chromaticities, "chromaticities");
+        let stated = DeclaredSpace::primaries(&space.primaries(), SpaceSource::Chromaticities, "chromaticities");
         let (conversion, input) = stated.settle(None);
         let picture = Picture { rgb: Plane::from_vec(pixels.len(), 1, pixels), alpha: None };
         let decoded = Decoded { picture, encoding: Encoding::LinearFloat, full_scale, layer: None, input, conversion };
@@ -228,15 +228,15 @@ mod tests {
 
     #[test]
     fn the_space_of_the_file_takes_precedence() {
-        let p3 = Stated::primaries(&ColourSpace::DisplayP3.primaries(), SpaceSource::Icc, "");
+        let p3 = DeclaredSpace::primaries(&ColourSpace::DisplayP3.primaries(), SpaceSource::Icc, "");
         let (_, input) = p3.clone().settle(Some(ColourSpace::AcesCg));
         assert_eq!((input.name.as_str(), input.overridden), ("display-p3", Some(ColourSpace::AcesCg)));
         let (_, input) = p3.settle(Some(ColourSpace::DisplayP3));
         assert_eq!((input.source, input.overridden), (SpaceSource::Icc, None));
-        let (conversion, input) = Stated::default().settle(Some(ColourSpace::Rec2020));
+        let (conversion, input) = DeclaredSpace::default().settle(Some(ColourSpace::Rec2020));
         assert_eq!((input.name.as_str(), input.source), ("rec2020", SpaceSource::Given));
         assert_eq!(conversion, Conversion::Matrix(ColourSpace::Rec2020.to_rec709()));
-        let (conversion, input) = Stated::default().settle(None);
+        let (conversion, input) = DeclaredSpace::default().settle(None);
         assert_eq!((input.name.as_str(), input.source, conversion), ("rec709", SpaceSource::Assumed, Conversion::None));
     }
 

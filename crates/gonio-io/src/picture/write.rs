@@ -19,7 +19,6 @@ use image::{ExtendedColorType, ImageEncoder};
 
 use super::{exr, pfm, radiance};
 use crate::colour_space::{ColourSpace, Primaries};
-use crate::{Error, atomic};
 
 /// Contents of an OpenEXR file in addition to its colours.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -255,55 +254,6 @@ pub fn encode_png_srgb8(width: usize, height: usize, rgb: &[u8]) -> Vec<u8> {
         .write_image(rgb, side(width), side(height), ExtendedColorType::Rgb8)
         .expect("writing to memory cannot fail");
     bytes
-}
-
-/// Writes the result of [`encode_exr`] to a file.
-///
-/// # Errors
-/// If the file cannot be written; no partial file is left then.
-///
-/// # Panics
-/// Like [`encode_exr`].
-pub fn write_exr(path: impl AsRef<Path>, rgb: &Plane<Vec3>, alpha: Option<&Plane<f32>>) -> Result<(), Error> {
-    atomic::write_file(path, &encode_exr(rgb, alpha))
-}
-
-/// Writes the result of [`encode_pfm`] to a file.
-///
-/// # Errors
-/// If the file cannot be written; no partial file is left then.
-pub fn write_pfm(path: impl AsRef<Path>, rgb: &Plane<Vec3>) -> Result<(), Error> {
-    atomic::write_file(path, &encode_pfm(rgb))
-}
-
-/// Writes the result of [`encode_hdr`] to a file.
-///
-/// # Errors
-/// If the file cannot be written; no partial file is left then.
-pub fn write_hdr(path: impl AsRef<Path>, rgb: &Plane<Vec3>) -> Result<(), Error> {
-    atomic::write_file(path, &encode_hdr(rgb))
-}
-
-/// Writes the result of [`encode_png`] to a file.
-///
-/// # Errors
-/// If the file cannot be written; no partial file is left then.
-///
-/// # Panics
-/// Like [`encode_png`].
-pub fn write_png(path: impl AsRef<Path>, rgb: &Plane<Vec3>) -> Result<(), Error> {
-    atomic::write_file(path, &encode_png(rgb))
-}
-
-/// Writes the result of [`encode_png_srgb8`] to a file.
-///
-/// # Errors
-/// If the file cannot be written; no partial file is left then.
-///
-/// # Panics
-/// Like [`encode_png_srgb8`].
-pub fn write_png_srgb8(path: impl AsRef<Path>, width: usize, height: usize, rgb: &[u8]) -> Result<(), Error> {
-    atomic::write_file(path, &encode_png_srgb8(width, height, rgb))
 }
 
 #[cfg(test)]

@@ -20,16 +20,16 @@ use super::tensor::{FLOAT32, MAGIC, UINT8};
 
 /// Samples of the density along the angle. They are those of a table, the horizon, and one between
 /// each pair.
-const FINE: usize = 181;
+const DENSITY_ANGLES: usize = 181;
 /// Samples along each side of the warped square.
-const SIDE: usize = 64;
+const WARP_SIDE: usize = 64;
 /// Incident angles in degrees: dense where Fresnel reflection rises.
 const INCIDENT: [f64; 22] = [
     0.0, 5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 35.0, 40.0, 45.0, 50.0, 55.0, 60.0, 64.0, 68.0, 72.0, 75.0, 78.0, 81.0,
     84.0, 87.0, 89.0,
 ];
 /// Smallest density, as a fraction of the largest; avoids a division by zero.
-const LEAST_DENSITY: f64 = 1e-9;
+const MIN_DENSITY: f64 = 1e-9;
 
 /// Colour channels of the values of a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -48,19 +48,19 @@ pub fn encode(tables: &[BivariateTable; 3], description: &str, channels: Channel
         Channels::Rgb => 3,
         Channels::Spectral => BASIS.len(),
     };
-    let plane = SIDE * SIDE;
+    let plane = WARP_SIDE * WARP_SIDE;
     let (mut values, mut luminance) = (vec![0.0_f32; INCIDENT.len() * count * plane], Vec::new());
     for (slice, degrees) in INCIDENT.iter().enumerate() {
         let wi = spherical(degrees.to_radians(), 0.0);
-        for v in 0..SIDE {
-            for u in 0..SIDE {
-                let Sample { rgb, density } = shape.sample(tables, wi, u, unit(v, SIDE));
+        for v in 0..WARP_SIDE {
+            for u in 0..WARP_SIDE {
+                let Sample { rgb, density } = shape.sample(tables, wi, u, unit(v, WARP_SIDE));
                 for channel in 0..count {
                     let value = match channels {
                         Channels::Rgb => rgb[channel],
                         Channels::Spectral => spectra::at(channel, rgb),
                     };
-                    values[(slice * count + channel) * plane + v * SIDE + u] = value as f32;
+                    values[(slice * count + channel) * plane + v * WARP_SIDE + u] = value as f32;
                 }
                 luminance.push(density as f32);
             }
@@ -68,25 +68,25 @@ pub fn encode(tables: &[BivariateTable; 3], description: &str, channels: Channel
     }
     let incident = INCIDENT.len();
     let of_angle = |at: &dyn Fn(f64) -> f64, rows: usize| -> Vec<f32> {
-        (0..rows * FINE).map(|i| at(unit(i % FINE, FINE)) as f32).collect()
+        (0..rows * DENSITY_ANGLES).map(|i| at(unit(i % DENSITY_ANGLES, DENSITY_ANGLES)) as f32).collect()
     };
     let text = [description.as_bytes(), b"\0"].concat();
     let mut fields = vec![
         Field::bytes("description", text),
         Field::floats("phi_i", &[1], vec![0.0]),
         Field::floats("theta_i", &[incident], INCIDENT.iter().map(|t| t.to_radians() as f32).collect()),
-        Field::floats("ndf", &[2, FINE], of_angle(&|x| shape.lobe(x), 2)),
+        Field::floats("ndf", &[2, DENSITY_ANGLES], of_angle(&|x| shape.lobe(x), 2)),
         // f cos_o = value D / (4 sigma)
-        Field::floats("sigma", &[2, FINE], vec![0.25; 2 * FINE]),
-        Field::floats("vndf", &[1, incident, 2, FINE], of_angle(&|x| shape.warp(x), 2 * incident)),
-        Field::floats("luminance", &[1, incident, SIDE, SIDE], luminance),
+        Field::floats("sigma", &[2, DENSITY_ANGLES], vec![0.25; 2 * DENSITY_ANGLES]),
+        Field::floats("vndf", &[1, incident, 2, DENSITY_ANGLES], of_angle(&|x| shape.warp(x), 2 * incident)),
+        Field::floats("luminance", &[1, incident, WARP_SIDE, WARP_SIDE], luminance),
         Field::bytes("jacobian", vec![1]),
     ];
     if channels == Channels::Spectral {
         fields.push(Field::floats("wavelengths", &[count], BASIS.iter().map(|b| b.0).collect()));
     }
     let name = if channels == Channels::Rgb { "rgb" } else { "spectra" };
-    fields.push(Field::floats(name, &[1, incident, count, SIDE, SIDE], values));
+    fields.push(Field::floats(name, &[1, incident, count, WARP_SIDE, WARP_SIDE], values));
     file(&fields)
 }
 
@@ -102,10 +102,10 @@ struct Sample {
 struct Shape {
     /// Luminance of the tables.
     luminance: BivariateTable,
-    /// Values at [`FINE`] samples of the coordinate `sqrt(2 theta / pi)`.
+    /// Values at [`DENSITY_ANGLES`] samples of the coordinate `sqrt(2 theta / pi)`.
     lobe: Vec<f64>,
     warp: Vec<f64>,
-    /// Coordinates that the warp maps to [`SIDE`] evenly spaced points.
+    /// Coordinates that the warp maps to [`WARP_SIDE`] evenly spaced points.
     places: Vec<f64>,
 }
 
@@ -113,23 +113,23 @@ impl Shape {
     fn of(tables: &[BivariateTable; 3]) -> Self {
         let luminance = BivariateTable::luminance(tables);
         let mean = |i: usize| -> f64 {
-            let theta = angle(unit(i, FINE));
+            let theta = angle(unit(i, DENSITY_ANGLES));
             let over = (0..=60).map(|d| luminance.eval(theta, f64::from(d).to_radians()));
             over.sum::<f64>() / 61.0
         };
-        let mut lobe: Vec<f64> = (0..FINE).map(mean).collect();
-        let least = LEAST_DENSITY * lobe.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
+        let mut lobe: Vec<f64> = (0..DENSITY_ANGLES).map(mean).collect();
+        let least = MIN_DENSITY * lobe.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
         lobe.iter_mut().for_each(|x| *x = x.max(least));
         // Lobe times the projected solid angle of the half vectors per coordinate.
         let carried = |i: usize| {
-            let (x, theta) = (unit(i, FINE), angle(unit(i, FINE)));
+            let (x, theta) = (unit(i, DENSITY_ANGLES), angle(unit(i, DENSITY_ANGLES)));
             lobe[i] * x * theta.sin() * theta.cos()
         };
-        let carried: Vec<f64> = (0..FINE).map(carried).collect();
-        let total = carried.iter().sum::<f64>() / (FINE - 1) as f64;
+        let carried: Vec<f64> = (0..DENSITY_ANGLES).map(carried).collect();
+        let total = carried.iter().sum::<f64>() / (DENSITY_ANGLES - 1) as f64;
         let warp: Vec<f64> = carried.iter().map(|c| 0.5 + 0.5 * c / total).collect();
         let mut shape = Self { luminance, lobe, warp, places: Vec::new() };
-        shape.places = (0..SIDE).map(|u| shape.place(unit(u, SIDE))).collect();
+        shape.places = (0..WARP_SIDE).map(|u| shape.place(unit(u, WARP_SIDE))).collect();
         shape
     }
 
@@ -151,7 +151,7 @@ impl Shape {
                 // Solves a s + (b - a) s^2 / 2 = left.
                 let (a, b) = (pair[0], pair[1]);
                 let s = 2.0 * left / (a + (a * a + 2.0 * (b - a) * left).max(0.0).sqrt());
-                return (i as f64 + s.min(1.0)) / (FINE - 1) as f64;
+                return (i as f64 + s.min(1.0)) / (DENSITY_ANGLES - 1) as f64;
             }
             left -= cell;
         }

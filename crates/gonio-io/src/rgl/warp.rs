@@ -116,9 +116,9 @@ impl Stack {
 pub(super) struct Warp {
     density: Stack,
     /// Cumulative integral of each row of each slice, up to each sample.
-    along: Vec<f64>,
+    conditional_cdf: Vec<f64>,
     /// Cumulative integral of each slice, up to each row.
-    below: Vec<f64>,
+    marginal_cdf: Vec<f64>,
     /// Reciprocal of the integral of each slice.
     scale: Vec<f64>,
 }
@@ -141,7 +141,7 @@ impl Warp {
         let scale: Vec<f64> = below.chunks_exact(height).map(|slice| 1.0 / slice[height - 1]).collect();
         match scale.iter().position(|s| !s.is_finite()) {
             Some(at) => Err(Error::damaged(path, format!("has only zeros in slice {at} of {name}"))),
-            None => Ok(Self { density, along, below, scale }),
+            None => Ok(Self { density, conditional_cdf: along, marginal_cdf: below, scale }),
         }
     }
 
@@ -160,11 +160,11 @@ impl Warp {
                 *sum += weight * value;
             }
             for side in 0..2 {
-                let row = &self.along[(slice * height + cell.row + side) * width..][..width];
+                let row = &self.conditional_cdf[(slice * height + cell.row + side) * width..][..width];
                 part[side] += weight * row[cell.column];
                 whole[side] += weight * row[width - 1];
             }
-            v += weight * self.below[slice * height + cell.row];
+            v += weight * self.marginal_cdf[slice * height + cell.row];
         }
         let [a, b, c, d] = around;
         let (step_x, step_y) = (1.0 / (width - 1) as f64, 1.0 / (height - 1) as f64);

@@ -157,7 +157,7 @@ fn damaged_exposures_never_panic() {
             .inspect(|b| assert_eq!(b.exposures.len(), 2))
     });
     let bracket = picture::decode_bracket(&[(Path::new("a.png"), good.as_slice()); 2], &options).unwrap();
-    assert_eq!(bracket.shots[0].seconds, Some(1.0 / 30.0));
+    assert_eq!(bracket.exposure_settings[0].seconds, Some(1.0 / 30.0));
     assert_eq!(bracket.exposures[1].amount, 1.0 / 30.0);
 }
 

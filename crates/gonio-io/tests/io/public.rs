@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use glam::{DVec3, Vec3};
 use gonio::picture::Plane;
 use gonio::scene::{Detection, NormalPicture, Object, ObservationSettings, SceneWarning};
-use gonio_io::picture::{Encoding, ReadOptions, Shot, read, read_mask};
+use gonio_io::picture::{Encoding, ExposureSettings, ReadOptions, read, read_mask};
 use gonio_io::{Kind, merl, mesh, normals};
 
 fn file(name: &str) -> PathBuf {
@@ -37,7 +37,7 @@ fn nodes_of_scale_zero_are_hidden() {
 #[test]
 fn quantised_positions_are_read() {
     let (mesh, soundness) = mesh::read_mesh(file("quantised.glb")).unwrap();
-    assert_eq!((soundness.triangles, soundness.normals_computed, soundness.normals_against), (320, false, 0));
+    assert_eq!((soundness.triangles, soundness.normals_computed, soundness.inconsistent_normals), (320, false, 0));
     // Codes of the first two vertices; the node scales by 1.3.
     for (i, codes) in
         [DVec3::new(-11_017.0, 15_009.0, 0.0), DVec3::new(15_486.0, 15_009.0, 0.0)].into_iter().enumerate()
@@ -130,7 +130,7 @@ fn a_flat_background_of_a_normal_map_is_ignored() {
 #[test]
 fn exif_without_the_pointer_to_a_next_directory_is_read() {
     let bytes = std::fs::read(file("exif-no-next-pointer-1.jpg")).unwrap();
-    assert!(Shot::of(&bytes).seconds.is_some());
+    assert!(ExposureSettings::of(&bytes).seconds.is_some());
 }
 
 #[test]

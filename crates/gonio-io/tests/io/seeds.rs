@@ -139,7 +139,7 @@ fn every_seed_is_read() {
                 None
             }
             "exif" => {
-                let shot = picture::Shot::of(&bytes);
+                let shot = picture::ExposureSettings::of(&bytes);
                 assert_eq!((shot.seconds, shot.f_number, shot.iso), (Some(1.0 / 30.0), Some(2.8), Some(200.0)));
                 None
             }

@@ -24,6 +24,7 @@ METHODS
 
 from ._brdf import EXPORTS, THETA_D, THETA_H, Brdf, render
 from ._combine import Combined, combine
+from ._compare import Comparison, Pair, compare
 from ._errors import FileError, GonioError, GonioWarning, MissingFileError
 from ._files import read_image, read_normals, write_image
 from ._gonio import Model, __version__
@@ -48,6 +49,7 @@ __all__ = [
     "Brdf",
     "Checked",
     "Combined",
+    "Comparison",
     "Failure",
     "FileError",
     "GonioError",
@@ -56,11 +58,13 @@ __all__ = [
     "Merged",
     "MissingFileError",
     "Model",
+    "Pair",
     "Part",
     "Posterior",
     "__version__",
     "check",
     "combine",
+    "compare",
     "infer",
     "infer_many",
     "infer_regions",

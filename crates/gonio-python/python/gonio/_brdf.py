@@ -19,7 +19,7 @@ from ._checks import choice, flag, listener, positive, shown, space, space_if_gi
 from ._convert import data_array, mitsuba_bsdf
 from ._errors import GonioError, GonioWarning
 from ._files import light_map
-from ._render import drawn, frame
+from ._render import drawn, render_settings
 from ._show import escaped, tonemapped
 from ._types import Floats, Listeners
 
@@ -115,7 +115,7 @@ class Brdf:
         return _gonio.normal_albedo(self.table)
 
     @property
-    def gloss(self) -> float:
+    def peak_to_body(self) -> float:
         """Ratio of the BRDF along the normal to its mean at half angles above 45 degrees; 1 for chalk, thousands for polished metal."""
         return self._highlight()[0]
 
@@ -269,7 +269,7 @@ class Brdf:
         scale = None if albedo is None or albedo == "fit" else positive(albedo, "albedo")
         lit = None if light is None else light_map(light)
         written = space(output_colorspace, "output_colorspace")
-        told = _gonio.export(
+        document = _gonio.export(
             os.fspath(directory),
             self.table,
             self.full,
@@ -283,7 +283,7 @@ class Brdf:
             self.name,
             listeners,
         )
-        summary: dict[str, Any] = json.loads(told)
+        summary: dict[str, Any] = json.loads(document)
         for message in summary["warnings"]:
             warnings.warn(message, GonioWarning, stacklevel=2)
         return summary
@@ -431,6 +431,6 @@ def render(
     >>> gonio.render(chalk, "sky", "bunny", size=(40, 30)).shape
     (30, 40, 4)
     """
-    given, settings = frame(shape, size, camera, pose, samples, tolerance, shadows)
+    given, settings = render_settings(shape, size, camera, pose, samples, tolerance, shadows)
     what = brdf if isinstance(brdf, Brdf) else Brdf(brdf)
     return drawn(what.table, what.full, light, given, settings, progress, space_if_given(colorspace, "colorspace"))

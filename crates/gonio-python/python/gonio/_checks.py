@@ -13,7 +13,7 @@ from . import _gonio
 from ._errors import GonioError
 
 
-def whole(value: object, name: str, least: int = 0, most: int = 2**63 - 1) -> int:
+def integer(value: object, name: str, minimum: int = 0, maximum: int = 2**63 - 1) -> int:
     """Returns an integer within limits."""
     if isinstance(value, (bool, np.bool_)):
         raise TypeError(f"{name}: must be an integer, not {value!r}")
@@ -21,10 +21,10 @@ def whole(value: object, name: str, least: int = 0, most: int = 2**63 - 1) -> in
         number = operator.index(cast(Any, value))
     except TypeError:
         raise TypeError(f"{name}: must be an integer, not {shown(value)}") from None
-    if number < least:
-        raise GonioError(f"{name} {number}: must be at least {least}")
-    if number > most:
-        raise GonioError(f"{name} {number}: must be at most {most}")
+    if number < minimum:
+        raise GonioError(f"{name} {number}: must be at least {minimum}")
+    if number > maximum:
+        raise GonioError(f"{name} {number}: must be at most {maximum}")
     return number
 
 
@@ -68,7 +68,7 @@ def circle(value: object, name: str = "circle") -> tuple[float, float, float]:
     return x, y, radius
 
 
-def shares(given: object, name: str) -> tuple[float, float, float]:
+def reflectances(given: object, name: str) -> tuple[float, float, float]:
     """Returns the reflectance of each channel, above 0 and at most 1."""
     what = "one number above 0 and at most 1, or three"
     try:
@@ -124,7 +124,7 @@ def listener(value: object, name: str = "progress") -> None:
         raise TypeError(f"{name}: must be a function, not {shown(value)}")
 
 
-def known(options: Mapping[str, object], function: Callable[..., object], name: str) -> None:
+def check_arguments(options: Mapping[str, object], function: Callable[..., object], name: str) -> None:
     """Rejects arguments that a function does not have."""
     unknown = sorted(set(options) - set(defaults(function)))
     if unknown:
@@ -138,5 +138,5 @@ def defaults(function: Callable[..., object]) -> dict[str, Any]:
 
 def shown(value: object) -> str:
     """Formats a value for a message: short, in one line."""
-    said = " ".join(repr(value).split())
-    return said if len(said) <= 60 else f"{said[:57]}..."
+    shown = " ".join(repr(value).split())
+    return shown if len(shown) <= 60 else f"{shown[:57]}..."

@@ -13,7 +13,7 @@ from ._gonio import Model
 from ._infer import model_of
 from ._material import Material
 from ._posterior import Posterior
-from ._types import FoundTogether
+from ._types import CombinedData
 
 
 class Combined(Material):
@@ -23,7 +23,7 @@ class Combined(Material):
     and relit.
     """
 
-    _found: FoundTogether
+    _found: CombinedData
 
     @property
     def agreement(self) -> tuple[float, ...]:
@@ -34,11 +34,7 @@ class Combined(Material):
         return tuple(self._found["agreement"])
 
     def __repr__(self) -> str:
-        low, median, high = self.gloss
-        return (
-            f"<gonio.Combined of {len(self.agreement)} photographs: gloss {median:.3g} ({low:.3g} to {high:.3g}), "
-            f"GGX alpha {self.alpha[1]:.2g} ({self.alpha[0]:.2g} to {self.alpha[2]:.2g})>"
-        )
+        return f"<gonio.Combined of {len(self.agreement)} photographs: {self.verdict}>"
 
 
 def combine(

@@ -22,11 +22,11 @@ if TYPE_CHECKING:
 QUANTILES = (0.05, 0.25, 0.75, 0.95)
 """Probabilities of :attr:`Posterior.quantiles`."""
 
-THREE = (0.05, 0.5, 0.95)
-"""Probabilities of numbers such as :attr:`Posterior.gloss`."""
+INTERVAL_LEVELS = (0.05, 0.5, 0.95)
+"""Probabilities of numbers such as :attr:`Posterior.roughness`."""
 
 
-def needed(module: str, asked: str, package: str | None = None) -> Any:
+def import_optional(module: str, asked: str, package: str | None = None) -> Any:
     """Imports a module, or raises an error with the command to install it."""
     try:
         return importlib.import_module(module)
@@ -44,7 +44,7 @@ def angles() -> dict[str, Any]:
 
 def data_array(brdf: Brdf) -> xarray.DataArray:
     """Converts a BRDF to an array with named axes."""
-    module: Any = needed("xarray", "to_xarray")
+    module: Any = import_optional("xarray", "to_xarray")
     coordinates = {**angles(), "channel": ["red", "green", "blue"]}
     attributes = {"units": "1/sr", "long_name": "BRDF", "albedo": brdf.albedo}
     out: xarray.DataArray = module.DataArray(brdf.table, coordinates, ("theta_h", "theta_d", "channel"), brdf.name, attributes)
@@ -53,7 +53,7 @@ def data_array(brdf: Brdf) -> xarray.DataArray:
 
 def dataset(found: Material, light: Floats | None) -> xarray.Dataset:
     """Converts a material to a dataset with named axes."""
-    module: Any = needed("xarray", "to_xarray")
+    module: Any = import_optional("xarray", "to_xarray")
     cells = ("theta_h", "theta_d")
     per_sr = {"units": "1/sr"}
     values: dict[str, Any] = {
@@ -62,7 +62,7 @@ def dataset(found: Material, light: Floats | None) -> xarray.Dataset:
         "quantiles": (("level", *cells), found.quantiles, per_sr),
         "undetermined": (cells, found.undetermined),
         "samples": (("draw", *cells), found.samples, per_sr),
-        "gloss": ("quantile", found.gloss),
+        "peak_to_body": ("quantile", found.peak_to_body),
         "alpha": ("quantile", found.alpha),
         "gloss_units": (("angle", "quantile"), np.stack(list(found.gloss_units.values()))),
     }
@@ -70,7 +70,7 @@ def dataset(found: Material, light: Floats | None) -> xarray.Dataset:
         **angles(),
         "channel": ["red", "green", "blue"],
         "level": list(QUANTILES),
-        "quantile": list(THREE),
+        "quantile": list(INTERVAL_LEVELS),
         "angle": ("angle", list(found.gloss_units), {"units": "degree"}),
     }
     if light is not None:
@@ -78,7 +78,7 @@ def dataset(found: Material, light: Floats | None) -> xarray.Dataset:
         values["light"] = (("elevation", "azimuth", "channel"), light)
         coordinates["elevation"] = ("elevation", 90 - 180 * (np.arange(height) + 0.5) / height, {"units": "degree"})
         coordinates["azimuth"] = ("azimuth", 360 * (np.arange(width) + 0.5) / width - 180, {"units": "degree"})
-    attributes = {"name": found.brdf.name, "albedo": found.brdf.albedo, "verdict": found.verdict, "open": found.open}
+    attributes = {"name": found.brdf.name, "albedo": found.brdf.albedo, "verdict": found.verdict, "undetermined_share": found.undetermined_share}
     out: xarray.Dataset = module.Dataset(values, coordinates, attributes)
     return out
 
@@ -89,9 +89,9 @@ def inference_data(draws: Floats) -> Any:
         arviz: Any = importlib.import_module("arviz")
     except ImportError:
         # The package of ArviZ 1.0 that contains the conversion.
-        arviz = needed("arviz_base", "to_inference_data", "arviz")
+        arviz = import_optional("arviz_base", "to_inference_data", "arviz")
     numbers = _gonio.highlights(draws)
-    names = ("gloss", "alpha", "gloss_units_20", "gloss_units_60")
+    names = ("peak_to_body", "alpha", "gloss_units_20", "gloss_units_60")
     posterior: dict[str, Any] = {name: numbers[np.newaxis, :, column] for column, name in enumerate(names)}
     posterior["brdf"] = draws[np.newaxis]
     coordinates = {name: values[1] for name, values in angles().items()}
@@ -103,7 +103,7 @@ def inference_data(draws: Floats) -> Any:
 
 def mitsuba_bsdf(brdf: Brdf, plugin: str) -> Any:
     """Creates a Mitsuba BSDF from temporary files."""
-    mitsuba = needed("mitsuba", "to_mitsuba")
+    mitsuba = import_optional("mitsuba", "to_mitsuba")
     variant = mitsuba.variant()
     if variant is None:
         raise GonioError('to_mitsuba: no Mitsuba variant is set; first call mitsuba.set_variant("llvm_ad_rgb") or another variant')

@@ -42,8 +42,8 @@ def read_image(path: Path, *, linear: bool = False, layer: str | None = None, co
     (256, 256, 4)
     """
     name = None if layer is None else text(layer, "layer")
-    rgb, alpha, _, said = _gonio.read_image(os.fspath(path), flag(linear, "linear"), name, space_if_given(colorspace, "colorspace"))
-    for message in said:
+    rgb, alpha, _, messages = _gonio.read_image(os.fspath(path), flag(linear, "linear"), name, space_if_given(colorspace, "colorspace"))
+    for message in messages:
         warnings.warn(message, GonioWarning, stacklevel=2)
     return rgb if alpha is None else np.dstack([rgb, alpha])
 

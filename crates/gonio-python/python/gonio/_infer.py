@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any, Literal, TypedDict, cast, overload
 from . import _gonio
 from ._arguments import Camera, Path, Photograph, Picture, Progress, Shape, is_path
 from ._arrays import light_map, name_of
-from ._checks import choice, circle, flag, listener, numbers, shares, shown, space, space_if_given, whole
+from ._checks import choice, circle, flag, listener, numbers, reflectances, shown, space, space_if_given, integer
 from ._errors import GonioError, GonioWarning
 from ._gonio import Model
 from ._posterior import BasisPosterior, Posterior
 from ._scene import given_scene
-from ._types import Found, GivenScene, Settings
+from ._types import PosteriorData, GivenScene, Settings
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -362,10 +362,10 @@ def infer(
 
 def prepared(options: dict[str, Any]) -> tuple[GivenScene, Settings, Model, list[str]]:
     """Converts the arguments of :func:`infer` for the extension; also returns warnings."""
-    said: list[str] = []
+    messages: list[str] = []
     listener(options["progress"])
     method = method_of(options)
-    scene = given_scene(options["image"], options, said)
+    scene = given_scene(options["image"], options, messages)
     refuse_unused(options, method, scene["object"]["mesh"] is not None or scene["object"]["normals"] is not None)
     color = choice(options["color"], "color", ("estimate", "median", "none"))
     light_color = options["light_color"]
@@ -383,16 +383,16 @@ def prepared(options: dict[str, Any]) -> tuple[GivenScene, Settings, Model, list
     report = flag(options["report"], "report")
     settings: Settings = {
         "method": method,
-        "starts": 4 if options["starts"] is None else whole(options["starts"], "starts", 1, 1000),
-        "seed": 1 if options["seed"] is None else whole(options["seed"], "seed"),
+        "starts": 4 if options["starts"] is None else integer(options["starts"], "starts", 1, 1000),
+        "seed": 1 if options["seed"] is None else integer(options["seed"], "seed"),
         "solver": choice(options["solver"] or "blocks", "solver", ("blocks", "parallel", "printed")),
         "full_rows": flag(options["full_rows"], "full_rows"),
-        "light": None if light is None else light_map(light, said),
+        "light": None if light is None else light_map(light, messages),
         "mirror_ball": ball,
         "mirror_reflectance": reflectance,
         "align_light": choice(options["align_light"] or "near", "align_light", ("near", "around", "fixed")),
         "absolute": flag(options["absolute"], "absolute"),
-        "grid": 32 if options["grid"] is None else whole(options["grid"], "grid"),
+        "grid": 32 if options["grid"] is None else integer(options["grid"], "grid"),
         "shadows": flag(options["shadows"], "shadows"),
         "color": color,
         "pictures": flag(options["pictures"], "pictures") or report,
@@ -401,7 +401,7 @@ def prepared(options: dict[str, Any]) -> tuple[GivenScene, Settings, Model, list
         "output_colorspace": space(options["output_colorspace"], "output_colorspace"),
         "light_color": None if light_color is None else cast("tuple[float, float, float]", tuple(light_color)),
     }
-    return scene, settings, model_of(options["model"]), said
+    return scene, settings, model_of(options["model"]), messages
 
 
 def model_of(given: Model | Path | None) -> Model:
@@ -427,7 +427,7 @@ def mirror_of(options: dict[str, Any]) -> tuple[tuple[float, float, float] | Non
             raise GonioError(f"mirror_ball and {other} both describe the light; use only one of them")
     if options["absolute"]:
         raise GonioError("absolute is for light; with a mirror ball, specify mirror_reflectance")
-    reflectance = None if given is None else shares(given, "mirror_reflectance")
+    reflectance = None if given is None else reflectances(given, "mirror_reflectance")
     return circle(ball, "mirror_ball"), reflectance
 
 
@@ -469,13 +469,13 @@ def refuse_unused(options: dict[str, Any], method: str, has_shadows: bool) -> No
 
 def run(options: dict[str, Any], poll: Callable[[], object] | None) -> Posterior | BasisPosterior:
     """Runs :func:`infer` without issuing warnings. ``poll`` is called often; it stops the inference by raising."""
-    scene, settings, model, said = prepared(options)
+    scene, settings, model, messages = prepared(options)
     found = _gonio.infer(scene, settings, model, {"progress": options["progress"], "poll": poll})
-    found["warnings"] = said + found["warnings"]
+    found["warnings"] = messages + found["warnings"]
     name = stem_of(options["image"])
     if settings["method"] in IN_BASIS:
         return BasisPosterior(found, name)
-    return Posterior(cast(Found, found), name)
+    return Posterior(cast(PosteriorData, found), name)
 
 
 def stem_of(image: Photograph) -> str:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from . import _gonio
 from ._arguments import Path, Photograph, Picture, Progress, Shape, is_path
 from ._arrays import paths
-from ._checks import listener, shown, whole
+from ._checks import listener, shown, integer
 from ._errors import GonioError, GonioWarning
 from ._files import write_image
 from ._regions import given_regions
@@ -35,8 +35,8 @@ class Checked:
         width, 3).
     outlines : list of str
         Description of the detected shape of each object.
-    notes : dict
-        All numbers by name, as ``gonio check --json`` prints them; ``notes["objects"]`` has one
+    result : dict
+        All numbers by name, as ``gonio check --json`` prints them; ``result["objects"]`` has one
         entry for each object.
     warnings : list of str
         Warnings about the photograph, one line each.
@@ -44,7 +44,7 @@ class Checked:
 
     picture: Bytes = field(repr=False)
     outlines: list[str]
-    notes: dict[str, Any] = field(repr=False)
+    result: dict[str, Any] = field(repr=False)
     warnings: list[str]
 
     def _repr_html_(self) -> str:
@@ -94,21 +94,21 @@ def check(
     >>> looked = gonio.check("samples/ball.exr")
     >>> looked.outlines
     ['ball, circle 128.0,128.0,126.0 (x, y, radius in pixels)']
-    >>> looked.notes["objects"][0]["report"]["clipped_pixels"]
+    >>> looked.result["objects"][0]["report"]["clipped_pixels"]
     0
     """
     unknown = sorted(set(options) - set(SCENE))
     if unknown:
         raise TypeError(f"check has no argument {', '.join(unknown)}")
     listener(progress)
-    said: list[str] = []
-    scene = given_scene(image, {**options, "shape": shape, "mask": mask}, said)
+    messages: list[str] = []
+    scene = given_scene(image, {**options, "shape": shape, "mask": mask}, messages)
     regions = given_regions(materials, circles) if materials is not None or circles is not None else None
     found = _gonio.check(scene, regions, {"progress": progress, "poll": None})
-    said += found["warnings"]
-    for message in said:
+    messages += found["warnings"]
+    for message in messages:
         warnings.warn(message, GonioWarning, stacklevel=2)
-    return Checked(found["picture"], found["outlines"], json.loads(found["notes"]), said)
+    return Checked(found["picture"], found["outlines"], json.loads(found["notes"]), messages)
 
 
 @dataclass(frozen=True)
@@ -128,7 +128,7 @@ class Merged:
         clipped in all exposures, -2 if it is black in all, -3 if they are inconsistent.
     response : ndarray of float64
         Response curve of the camera: log exposure of each code, shape (3, codes).
-    notes : dict
+    result : dict
         All numbers by name, as ``gonio merge --json`` prints them.
     warnings : list of str
         Warnings, one line each.
@@ -138,7 +138,7 @@ class Merged:
     clip_level: float
     origin: NDArray[np.int16] = field(repr=False)
     response: Doubles = field(repr=False)
-    notes: dict[str, Any] = field(repr=False)
+    result: dict[str, Any] = field(repr=False)
     warnings: list[str]
     _curve: bytes = field(repr=False)
 
@@ -209,7 +209,7 @@ def merge(
         raise TypeError(f"images: must be a list of the files of exposures, not {shown(images)}")
     listener(progress)
     files = paths(images, "images")
-    said = {
+    chosen = {
         "times": times,
         "response": response,
         "align": align,
@@ -219,7 +219,7 @@ def merge(
         "flat": flat,
         "colorspace": colorspace,
     }
-    found = _gonio.merge(files, given_reading(said), {"progress": progress, "poll": None})
+    found = _gonio.merge(files, given_reading(chosen), {"progress": progress, "poll": None})
     for message in found["warnings"]:
         warnings.warn(message, GonioWarning, stacklevel=2)
     picture = found["picture"] if found["alpha"] is None else np.dstack([found["picture"], found["alpha"]])
@@ -242,4 +242,4 @@ def set_threads(count: int | None = None) -> None:
     >>> gonio.set_threads(2)
     >>> gonio.set_threads()
     """
-    _gonio.set_threads(None if count is None else whole(count, "threads", 1, 1024))
+    _gonio.set_threads(None if count is None else integer(count, "threads", 1, 1024))

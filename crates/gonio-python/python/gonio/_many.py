@@ -11,7 +11,7 @@ import numpy as np
 
 from ._arguments import is_path
 from ._arrays import name_of
-from ._checks import defaults, known, listener, shown, whole
+from ._checks import defaults, check_arguments, listener, shown, integer
 from ._infer import infer, run
 from ._posterior import Posterior
 
@@ -90,7 +90,7 @@ def infer_many(
     >>> results[1].name
     'missing.exr'
     """
-    known(options, infer, "infer")
+    check_arguments(options, infer, "infer")
     listener(progress)
     if is_path(items) or isinstance(items, bytes):
         what = "bytes" if isinstance(items, bytes) else "string" if isinstance(items, str) else "path"
@@ -102,7 +102,7 @@ def infer_many(
         raise TypeError(f"items: is one {what}; use a list of photographs: [photograph]")
     if not isinstance(items, Iterable):
         raise TypeError(f"items: must be a list of photographs, not {shown(items)}")
-    whole(workers, "workers", 1)
+    integer(workers, "workers", 1)
     tasks = [_task(item, options) for item in items]
     stop = threading.Event()
     pool = None if client is not None else ThreadPoolExecutor(workers, thread_name_prefix="gonio")
@@ -132,7 +132,7 @@ def _one(task: dict[str, Any], stop: threading.Event | None) -> Posterior:
         if stop is not None and stop.is_set():
             raise _Stopped
 
-    known(task, infer, "infer")
+    check_arguments(task, infer, "infer")
     if task["image"] is defaults(infer)["image"]:
         raise TypeError("the item has no image")
     poll()

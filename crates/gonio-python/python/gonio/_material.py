@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from . import _gonio
 from ._arguments import Path, Picture, Shape
 from ._brdf import Brdf
-from ._checks import flag, whole
+from ._checks import flag, integer
 from ._convert import dataset, inference_data
-from ._types import Bytes, Doubles, Floats, FoundBrdf, FoundMaterial, SavedResult
+from ._types import Bytes, Doubles, Floats, BrdfData, MaterialData, SavedResult
 
 if TYPE_CHECKING:
     import xarray
@@ -27,10 +27,10 @@ DRAWS = 64
 class Result:
     """An estimated BRDF. Results can be pickled, and do not reference the photograph."""
 
-    def __init__(self, found: FoundBrdf, name: str) -> None:
+    def __init__(self, found: BrdfData, name: str) -> None:
         self._found = found
         self._brdf = Brdf(found["table"], name=name)
-        self._told: dict[str, Any] | None = None
+        self._result: dict[str, Any] | None = None
 
     @property
     def brdf(self) -> Brdf:
@@ -58,12 +58,12 @@ class Result:
         return self._found["model"]
 
     @property
-    def notes(self) -> dict[str, Any]:
+    def result(self) -> dict[str, Any]:
         """All numbers by name, as in ``result.json``."""
-        if self._told is None:
-            self._told = json.loads(self._found["notes"])
-        assert self._told is not None
-        return self._told
+        if self._result is None:
+            self._result = json.loads(self._found["notes"])
+        assert self._result is not None
+        return self._result
 
     def relight(
         self, light: Picture | None = None, shape: Shape = "sphere", size: int | tuple[int, int] = 256, **options: Any
@@ -110,7 +110,7 @@ class Result:
             "quantiles": None,
             "rgb_quantiles": None,
             "pictures": self.pictures,
-            "notes": json.dumps(self.notes, indent=2, allow_nan=False),
+            "notes": json.dumps(self.result, indent=2, allow_nan=False),
             "page": None,
         }
         self._complete(result)
@@ -182,15 +182,15 @@ class Result:
 
     def __getstate__(self) -> dict[str, Any]:
         # Cached values are not pickled; they are computed again.
-        return {**self.__dict__, "_told": None}
+        return {**self.__dict__, "_result": None}
 
 
 class Material(Result):
     """A material with its uncertainty."""
 
-    _found: FoundMaterial
+    _found: MaterialData
 
-    def __init__(self, found: FoundMaterial, name: str) -> None:
+    def __init__(self, found: MaterialData, name: str) -> None:
         super().__init__(found, name)
         dull, glossy = found["ends"]
         self._ends = (Brdf(dull, name=f"{name}, dull end"), Brdf(glossy, name=f"{name}, glossy end"))
@@ -213,9 +213,9 @@ class Material(Result):
         return self._found["undetermined"]
 
     @property
-    def open(self) -> float:
+    def undetermined_share(self) -> float:
         """Share of undetermined cells among those with both angles below 80 degrees."""
-        return self._found["open"]
+        return self._found["undetermined_share"]
 
     @property
     def materials(self) -> list[tuple[str, float]]:
@@ -223,9 +223,9 @@ class Material(Result):
         return self._found["materials"]
 
     @property
-    def gloss(self) -> Doubles:
-        """5, 50 and 95 % quantiles of the gloss: ratio of the BRDF along the normal to its mean at half angles above 45 degrees."""
-        return self._found["gloss"]
+    def peak_to_body(self) -> Doubles:
+        """5, 50 and 95 % quantiles of the ratio of the BRDF along the normal to its mean at half angles above 45 degrees."""
+        return self._found["peak_to_body"]
 
     @property
     def alpha(self) -> Doubles:
@@ -295,7 +295,7 @@ class Material(Result):
         (5, 90, 90)
         >>> picture = gonio.render(found.draw(1, rgb=True)[0], size=32)
         """
-        number, start = whole(count, "count"), whole(seed, "seed")
+        number, start = integer(count, "count"), integer(seed, "seed")
         drawn = _gonio.draw(self.model, self._found["likelihood"], number, start, flag(errors, "errors"))
         scale = self._scale()
         drawn = drawn if scale == 1.0 else drawn * np.float32(scale)
@@ -339,7 +339,7 @@ class Material(Result):
         """
         if draws is None:
             return super().relight(light, shape, size, **options)
-        tables = self.draw(whole(draws, "draws"), seed, rgb=True, errors=True)
+        tables = self.draw(integer(draws, "draws"), seed, rgb=True, errors=True)
         pictures = [Brdf(table, name=f"draw {at}").render(light, shape=shape, size=size, **options) for at, table in enumerate(tables)]
         return np.stack(pictures)
 
@@ -371,7 +371,7 @@ class Material(Result):
         -------
         xarray.Dataset
             ``brdf``, ``luminance``, ``quantiles``, ``undetermined`` and ``samples`` over ``theta_h``
-            and ``theta_d`` (radians); ``gloss``, ``alpha`` and ``gloss_units`` over ``quantile``
+            and ``theta_d`` (radians); ``peak_to_body``, ``alpha`` and ``gloss_units`` over ``quantile``
             0.05, 0.5 and 0.95; for one photograph, also ``light`` over ``elevation`` and ``azimuth``.
 
         Raises
@@ -384,7 +384,7 @@ class Material(Result):
         >>> data = found.to_xarray()
         >>> data.brdf.dims
         ('theta_h', 'theta_d', 'channel')
-        >>> bool(data.gloss.sel(quantile=0.5) == found.gloss[1])
+        >>> bool(data.alpha.sel(quantile=0.5) == found.alpha[1])
         True
         """
         return dataset(self, self._lit())
@@ -405,7 +405,7 @@ class Material(Result):
         -------
         arviz.InferenceData or xarray.DataTree
             The type depends on the version of ArviZ (before 1.0, or 1.0 and later). The group
-            ``posterior`` contains ``gloss``, ``alpha``, ``gloss_units_20``, ``gloss_units_60`` and
+            ``posterior`` contains ``peak_to_body``, ``alpha``, ``gloss_units_20``, ``gloss_units_60`` and
             ``brdf`` (luminance), all over ``chain`` and ``draw``.
 
         Raises

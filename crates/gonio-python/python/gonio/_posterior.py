@@ -13,16 +13,16 @@ from ._convert import QUANTILES as QUANTILES
 from ._figure import plot
 from ._material import Material, Result
 from ._show import escaped
-from ._types import Bytes, Doubles, Floats, Found, FoundBrdf, FoundInBasis, SavedResult
+from ._types import Bytes, Doubles, Floats, PosteriorData, BrdfData, BasisData, SavedResult
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-class OfPhotograph(Result):
+class PhotographResult(Result):
     """Results from one photograph besides the BRDF."""
 
-    _found: FoundInBasis
+    _found: BasisData
 
     @property
     def light(self) -> Floats:
@@ -51,7 +51,7 @@ class OfPhotograph(Result):
     @property
     def method(self) -> str:
         """Name of the estimation method."""
-        method: str = self.notes["method"]
+        method: str = self.result["method"]
         return method
 
     @property
@@ -71,11 +71,11 @@ class OfPhotograph(Result):
         return self._found["page"]
 
     @property
-    def notes(self) -> dict[str, Any]:
+    def result(self) -> dict[str, Any]:
         """All numbers by name, as in the ``result.json`` of ``gonio infer``."""
-        if self._told is None:
-            self._told = {**json.loads(self._found["notes"]), "warnings": list(self.warnings)}
-        return self._told
+        if self._result is None:
+            self._result = {**json.loads(self._found["notes"]), "warnings": list(self.warnings)}
+        return self._result
 
     def _complete(self, result: SavedResult) -> None:
         super()._complete(result)
@@ -108,7 +108,7 @@ class OfPhotograph(Result):
         )
 
 
-class Posterior(Material, OfPhotograph):
+class Posterior(Material, PhotographResult):
     """Posterior of a material and estimated light, from one photograph.
 
     BRDFs have an albedo of 0.5 at normal incidence unless they are absolute, because a photograph
@@ -123,7 +123,7 @@ class Posterior(Material, OfPhotograph):
     >>> low, median, high = found.gloss_units[60]
     """
 
-    _found: Found
+    _found: PosteriorData
 
     @property
     def scatter(self) -> float:
@@ -161,16 +161,11 @@ class Posterior(Material, OfPhotograph):
         return plot(self.pictures, self.luminance, self.quantiles, self.samples, self.undetermined)
 
     def __repr__(self) -> str:
-        nearest = f", highlight similar to {self.materials[0][0]}" if self.materials else ""
-        low, median, high = self.gloss
-        return (
-            f"<gonio.Posterior {self.brdf.name!r}: gloss {median:.3g} ({low:.3g} to {high:.3g}){nearest}, "
-            f"misfit {100 * self.misfit:.1f} %>"
-        )
+        return f"<gonio.Posterior {self.brdf.name!r}: {self.verdict}; misfit {100 * self.misfit:.1f} %>"
 
     def _repr_html_(self) -> str:
         """Returns pictures and numbers as HTML, for notebooks."""
-        low, median, high = self.gloss
+        low, median, high = self.peak_to_body
         sharp, middle, dull = self.alpha
         units = "; ".join(
             f"{values[1]:.3g} at {angle}&deg; <small>({values[0]:.3g} to {values[2]:.3g})</small>"
@@ -181,16 +176,16 @@ class Posterior(Material, OfPhotograph):
                 ("finish", escaped(self.verdict)),
                 ("GGX alpha", f"{middle:.2g} &nbsp; <small>90 %: {sharp:.2g} to {dull:.2g}; roughness is its square root</small>"),
                 ("gloss units", f"{units} <small>for an albedo of {self.brdf.albedo:.2g}</small>"),
-                ("peak to body", f"{median:.2g} &nbsp; <small>90 %: {low:.2g} to {high:.2g}</small>"),
+                ("peak height", f"{median:.2g} &nbsp; <small>90 %: {low:.2g} to {high:.2g}</small>"),
                 ("most similar highlight (not colour)", ", ".join(f"{escaped(n)} ({100 * w:.0f}&nbsp;%)" for n, w in self.materials[:3])),
-                ("undetermined", f"{100 * self.open:.0f} % of the BRDF's cells"),
+                ("undetermined", f"{100 * self.undetermined_share:.0f} % of the BRDF's cells"),
                 ("misfit", f"{100 * self.misfit:.1f} %"),
                 ("scatter", f"{100 * self.scatter:.1f} %"),
             ]
         )
 
 
-class BasisPosterior(OfPhotograph):
+class BasisPosterior(PhotographResult):
     """Result of a method of the paper: coefficients of reflectance in a basis.
 
     It has standard deviations of the coefficients, but no quantiles of the BRDF.
@@ -206,12 +201,12 @@ class BasisPosterior(OfPhotograph):
     @property
     def coefficients(self) -> Doubles:
         """Coefficients of the model's basis functions, shape (rank,)."""
-        return np.array(self.notes["reflectance"]["coefficients"])
+        return np.array(self.result["reflectance"]["coefficients"])
 
     @property
     def coefficients_sd(self) -> Doubles | None:
         """Standard deviations of the coefficients, shape (rank,); None for the joint MAP estimate."""
-        spread = np.array(self.notes["reflectance"]["sd"])
+        spread = np.array(self.result["reflectance"]["sd"])
         return spread if spread.any() else None
 
     @property

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from . import _gonio
 from ._arguments import Camera, Path, Photograph, Picture, Progress
-from ._checks import listener, number, shares, space, whole
+from ._checks import listener, number, reflectances, space, integer
 from ._errors import GonioError, GonioWarning
 from ._files import write_image
 from ._scene import given_scene
@@ -36,7 +36,7 @@ class LightProbe:
     picture : ndarray of uint8
         Diagnostic picture: the photographs with ignored pixels marked, and the map with its
         interpolated parts.
-    notes : dict
+    result : dict
         All numbers by name, as ``gonio light --json`` prints them.
     warnings : list of str
         Warnings, one line each.
@@ -47,7 +47,7 @@ class LightProbe:
     light: Floats = field(repr=False)
     seen: Floats = field(repr=False)
     picture: NDArray[np.uint8] = field(repr=False)
-    notes: dict[str, Any]
+    result: dict[str, Any]
     warnings: list[str]
     colorspace: str = "rec709"
 
@@ -134,7 +134,7 @@ def light_probe(
     >>> probe = gonio.light_probe("chrome.exr", reflectance=0.55)  # doctest: +SKIP
     >>> found = gonio.infer("photo.exr", light=probe.light)        # doctest: +SKIP
     """
-    said: list[str] = []
+    messages: list[str] = []
     listener(progress)
     reading = {
         "times": times,
@@ -151,22 +151,22 @@ def light_probe(
     if second is None and not (second_mask is None and second_circle is None and second_yaw is None):
         raise GonioError("second_mask, second_circle and second_yaw require a second photograph; specify it with second=")
 
-    if rows is not None and whole(rows, "rows", -(2**63)) < 0:
+    if rows is not None and integer(rows, "rows", -(2**63)) < 0:
         raise GonioError(f"rows {rows}: must be a power of two from 8 to 4096")
 
     def scene(given: Photograph, unnamed: str, where: Picture | None, outline: tuple[float, float, float] | None) -> GivenScene:
         own = {"mask": where, "clip": clip, "keep_colors": True, "circle": outline, "camera": camera}
-        return given_scene(given, {**reading, **own}, said, unnamed)
+        return given_scene(given, {**reading, **own}, messages, unnamed)
 
     settings: ProbeSettings = {
-        "reflectance": shares(reflectance, "reflectance"),
+        "reflectance": reflectances(reflectance, "reflectance"),
         "rows": None if rows is None else int(rows),
         "second_yaw": None if second_yaw is None else number(second_yaw, "second_yaw"),
     }
     first = scene(image, "the image", mask, circle)
     other = None if second is None else scene(second, "the second image", second_mask, second_circle)
     light, seen, drawn, notes, more = _gonio.light_probe(first, other, settings, {"progress": progress, "poll": None})
-    said += more
-    for message in said:
+    messages += more
+    for message in messages:
         warnings.warn(message, GonioWarning, stacklevel=2)
-    return LightProbe(light, seen, drawn, json.loads(notes), said, written)
+    return LightProbe(light, seen, drawn, json.loads(notes), messages, written)

@@ -22,30 +22,30 @@ REFERENCE: dict[str, Any] = {
 CORNERS = "True, or the centres of four corner patches: dark skin, bluish green, black, white"
 
 
-def given_reference(said: Mapping[str, Any]) -> GivenReference | None:
+def given_reference(chosen: Mapping[str, Any]) -> GivenReference | None:
     """Returns the reference described by the arguments in :data:`REFERENCE`."""
-    chart = said["color_checker"]
+    chart = chosen["color_checker"]
     if chart is False:
         chart = None
-    targets = {"white": said["white"], "grey_card": said["grey_card"], "color_checker": chart}
+    targets = {"white": chosen["white"], "grey_card": chosen["grey_card"], "color_checker": chart}
     given = [name for name, value in targets.items() if value is not None]
     if len(given) > 1:
         raise GonioError(f"{' and '.join(given)} are references; use only one of them")
-    reflectance = said["reference_reflectance"]
+    reflectance = chosen["reference_reflectance"]
     if reflectance is not None:
         reflectance = number(reflectance, "reference_reflectance")
         if not 0 < reflectance <= 1:
             raise GonioError(f"reference_reflectance {reflectance}: must be above 0 and at most 1")
         if given not in (["white"], ["grey_card"]):
             raise GonioError("reference_reflectance applies to white and grey_card; the reflectances of a colour chart are published")
-    color_only = flag(said["reference_color_only"], "reference_color_only")
+    color_only = flag(chosen["reference_color_only"], "reference_color_only")
     if color_only and not given:
         raise GonioError("reference_color_only requires white, grey_card or color_checker")
     if not given:
         return None
     return {
-        "white": None if said["white"] is None else circle(said["white"], "white"),
-        "grey_card": mask_of(said["grey_card"], "the mask of the grey card"),
+        "white": None if chosen["white"] is None else circle(chosen["white"], "white"),
+        "grey_card": mask_of(chosen["grey_card"], "the mask of the grey card"),
         "corners": None if chart is None else _corners(chart),
         "reflectance": reflectance,
         "color_only": color_only,

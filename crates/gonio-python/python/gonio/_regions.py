@@ -12,7 +12,7 @@ import numpy as np
 from . import _gonio
 from ._arguments import Array, Path, Photograph, Picture, is_path
 from ._arrays import array_of, floats
-from ._checks import circle, defaults, known
+from ._checks import circle, defaults, check_arguments
 from ._errors import GonioError, GonioWarning
 from ._infer import infer, prepared, stem_of
 from ._posterior import Posterior
@@ -68,7 +68,7 @@ def infer_regions(
     -------
     dict of str to Posterior
         Posterior of each region, by index, colour, or number of the ball.
-        ``notes["relative_albedo"]`` is the albedo relative to that of the brightest region.
+        ``result["relative_albedo"]`` is the albedo relative to that of the brightest region.
 
     Raises
     ------
@@ -82,16 +82,16 @@ def infer_regions(
     >>> list(gonio.infer_regions(both, grid=16, pictures=False))
     ['1', '2']
     """
-    known(options, infer, "infer_regions")
+    check_arguments(options, infer, "infer_regions")
     given = {**defaults(infer), **options, "image": image}
     regions = given_regions(materials, circles)
     if circles is not None and given["mask"] is not None:
         raise GonioError("circles and mask both define the balls; use only one of them")
     if given["keep_colors"]:
         raise GonioError("keep_colors applies to photographs of one material; with regions, gonio uses all colours")
-    scene, settings, model, said = prepared(given)
+    scene, settings, model, messages = prepared(given)
     found = _gonio.infer_regions(scene, regions, settings, model, {"progress": given["progress"], "poll": None})
     out = {name: Posterior(values, f"{stem_of(image)}-{name}") for name, values in found}
-    for message in said + [f"region {name}: {message}" for name, posterior in out.items() for message in posterior.warnings]:
+    for message in messages + [f"region {name}: {message}" for name, posterior in out.items() for message in posterior.warnings]:
         warnings.warn(message, GonioWarning, stacklevel=2)
     return out

@@ -8,7 +8,7 @@ import numpy as np
 
 from . import _gonio
 from ._arguments import Camera, Picture, Progress, Shape
-from ._checks import flag, listener, positive, shown, whole
+from ._checks import flag, listener, positive, shown, integer
 from ._errors import GonioError, GonioWarning
 from ._files import light_map
 from ._shape import given_shape
@@ -33,10 +33,10 @@ def studio_light(height: int = 128) -> Floats:
     >>> gonio.studio_light(32).shape
     (32, 64, 3)
     """
-    return _gonio.studio(whole(height, "height", 1, 4096))
+    return _gonio.studio(integer(height, "height", 1, 4096))
 
 
-def frame(
+def render_settings(
     shape: Shape,
     size: int | tuple[int, int],
     camera: Camera | None,
@@ -49,14 +49,14 @@ def frame(
     pair = size if isinstance(size, (tuple, list)) else (size, size)
     if len(pair) != 2:
         raise TypeError(f"size: must be one number of pixels, or width and height, not {shown(size)}")
-    width, height = (whole(side, "size", 8, 8192) for side in pair)
+    width, height = (integer(side, "size", 8, 8192) for side in pair)
     given = given_shape({"shape": shape, "camera": camera, "pose": pose})
     if given["shape"] == "sphere" and width != height:
         raise GonioError("size: width and height must be equal for a sphere")
     settings: RenderSettings = {
         "width": width,
         "height": height,
-        "samples": whole(samples, "samples", 1, 16),
+        "samples": integer(samples, "samples", 1, 16),
         "tolerance": None if tolerance is None else positive(tolerance, "tolerance"),
         "shadows": flag(shadows, "shadows"),
     }
@@ -75,7 +75,7 @@ def drawn(
     """Renders the table of a BRDF. Warnings refer to the caller of the calling function."""
     listener(progress)
     lit = studio_light() if light is None else light_map(light, colorspace=colorspace)
-    rgb, alpha, said = _gonio.render(table, full, lit, given, settings, {"progress": progress, "poll": None})
-    for message in said:
+    rgb, alpha, messages = _gonio.render(table, full, lit, given, settings, {"progress": progress, "poll": None})
+    for message in messages:
         warnings.warn(message, GonioWarning, stacklevel=3)
     return np.dstack([rgb, alpha])

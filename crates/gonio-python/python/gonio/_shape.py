@@ -70,32 +70,32 @@ def plain(value: object) -> object:
 
 def given_shape(options: Mapping[str, Any]) -> GivenShape:
     """Returns the shape described by the arguments in :data:`FORM`; missing ones have their defaults."""
-    said = {**FORM, **{key: value for key, value in options.items() if key in FORM}}
-    name, mesh, normals = told(said)
-    outline = None if said["circle"] is None else circle(said["circle"])
+    chosen = {**FORM, **{key: value for key, value in options.items() if key in FORM}}
+    name, mesh, normals = split_shape(chosen)
+    outline = None if chosen["circle"] is None else circle(chosen["circle"])
     if outline is not None and (mesh is not None or normals is not None or name != "sphere"):
         raise GonioError("circle is the outline of a sphere; it cannot be combined with other shapes")
-    if said["depth_axis"] is not None:
-        if not (isinstance(said["depth_axis"], (int, float, np.number)) and said["depth_axis"] > 0):
+    if chosen["depth_axis"] is not None:
+        if not (isinstance(chosen["depth_axis"], (int, float, np.number)) and chosen["depth_axis"] > 0):
             raise GonioError("depth_axis: must be a positive number")
         if name != "ellipsoid":
             raise GonioError('depth_axis requires shape="ellipsoid"')
-    if said["pose"] is not None and mesh is None:
+    if chosen["pose"] is not None and mesh is None:
         raise GonioError("pose requires a mesh; specify it with shape=")
     return {
         "shape": name,
         "mesh": mesh,
-        "normals": given_normals(normals, said),
-        "camera": json_or_file(said["camera"], "camera"),
-        "pose": json_or_file(said["pose"], "pose"),
+        "normals": given_normals(normals, chosen),
+        "camera": json_or_file(chosen["camera"], "camera"),
+        "pose": json_or_file(chosen["pose"], "pose"),
         "circle": outline,
-        "depth_axis": None if said["depth_axis"] is None else float(said["depth_axis"]),
+        "depth_axis": None if chosen["depth_axis"] is None else float(chosen["depth_axis"]),
     }
 
 
-def told(said: Mapping[str, Any]) -> tuple[str, str | tuple[Doubles, NDArray[np.uint32]] | None, Any]:
+def split_shape(chosen: Mapping[str, Any]) -> tuple[str, str | tuple[Doubles, NDArray[np.uint32]] | None, Any]:
     """Returns the name of the form, the mesh, and the normals."""
-    given, normals = said["shape"], said["normals"]
+    given, normals = chosen["shape"], chosen["normals"]
     if is_path(given):
         text = os.fspath(given)
         if text in ("sphere", "ellipsoid", "outline"):
@@ -124,38 +124,38 @@ def degrees(error: object) -> float:
     return angle
 
 
-def given_normals(normals: Any, said: Mapping[str, Any]) -> GivenNormals | None:
+def given_normals(normals: Any, chosen: Mapping[str, Any]) -> GivenNormals | None:
     """Converts a normal map and its conventions."""
     if normals is None:
         # Arrays are never the default; scalars are compared by value.
-        given = [key for key in OF_NORMALS if said[key] is not FORM[key] and (not np.isscalar(said[key]) or said[key] != FORM[key])]
+        given = [key for key in OF_NORMALS if chosen[key] is not FORM[key] and (not np.isscalar(chosen[key]) or chosen[key] != FORM[key])]
         if given:
             raise GonioError(f"{given[0]} requires normals; specify them with normals=")
         return None
-    if said["depth"] is None and (said["depth_range"] is not None or said["depth_along_rays"]):
+    if chosen["depth"] is None and (chosen["depth_range"] is not None or chosen["depth_along_rays"]):
         raise GonioError("depth_range and depth_along_rays require depth=")
-    if said["normals_error"] and (said["depth"] is not None or said["positions"] is not None):
+    if chosen["normals_error"] and (chosen["depth"] is not None or chosen["positions"] is not None):
         raise GonioError("normals_error and a depth or position map cannot be combined: the shadows would not match the refined normals")
-    if said["depth"] is not None and said["positions"] is not None:
+    if chosen["depth"] is not None and chosen["positions"] is not None:
         raise GonioError("depth and positions both define the surface; use only one of them")
     ends = None
-    if said["depth_range"] is not None:
-        near, far = numbers(said["depth_range"], "depth_range", "two numbers, near and far", 2)
+    if chosen["depth_range"] is not None:
+        near, far = numbers(chosen["depth_range"], "depth_range", "two numbers, near and far", 2)
         if near == far:
             raise GonioError("depth_range: must be two different numbers, near and far")
         ends = (near, far)
     return {
         "picture": file_or(normals, "the normals", 3),
-        "order": choice(said["normals_order"], "normals_order", ORDERS),
-        "flip_x": flag(said["normals_flip_x"], "normals_flip_x"),
-        "flip_y": flag(said["normals_flip_y"], "normals_flip_y"),
-        "flip_z": flag(said["normals_flip_z"], "normals_flip_z"),
-        "trusted": flag(said["trust_normals"], "trust_normals"),
-        "error": float(np.radians(degrees(said["normals_error"]))),
-        "depth": depths(said["depth"], ends),
+        "order": choice(chosen["normals_order"], "normals_order", ORDERS),
+        "flip_x": flag(chosen["normals_flip_x"], "normals_flip_x"),
+        "flip_y": flag(chosen["normals_flip_y"], "normals_flip_y"),
+        "flip_z": flag(chosen["normals_flip_z"], "normals_flip_z"),
+        "trusted": flag(chosen["trust_normals"], "trust_normals"),
+        "error": float(np.radians(degrees(chosen["normals_error"]))),
+        "depth": depths(chosen["depth"], ends),
         "depth_range": ends,
-        "depth_along_rays": flag(said["depth_along_rays"], "depth_along_rays"),
-        "positions": places(said["positions"]),
+        "depth_along_rays": flag(chosen["depth_along_rays"], "depth_along_rays"),
+        "positions": places(chosen["positions"]),
     }
 
 

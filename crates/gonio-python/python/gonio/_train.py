@@ -13,7 +13,7 @@ from . import _gonio
 from ._arguments import Array, Path, Picture, Progress, is_path
 from ._arrays import floats
 from ._brdf import Brdf
-from ._checks import choice, listener, number, shown, whole
+from ._checks import choice, listener, number, shown, integer
 from ._files import light_map
 from ._gonio import Model
 from ._types import Floats, LightingOptions, Listeners, PosteriorOptions, ReflectanceOptions
@@ -103,11 +103,11 @@ def train_lighting(
     'lighting'
     """
     options: LightingOptions = {
-        "grid": whole(grid, "grid"),
+        "grid": integer(grid, "grid"),
         "layout": choice(layout, "layout", ("equal-area", "praun-hoppe")),
-        "turns": whole(turns, "turns"),
+        "turns": integer(turns, "turns"),
         "cap": None if cap is None else number(cap, "cap"),
-        "seed": whole(seed, "seed"),
+        "seed": integer(seed, "seed"),
     }
     data, provenance = _gonio.train_lighting(_lights(lights), options, _listeners(progress))
     return Part("lighting", provenance, data)
@@ -153,10 +153,10 @@ def train_reflectance(
     ['0.1', '0.2', '0.3', '0.5']
     """
     options: ReflectanceOptions = {
-        "rank": whole(rank, "rank"),
+        "rank": integer(rank, "rank"),
         "channel": choice(channel, "channel", CHANNELS),
-        "restarts": None if restarts is None else whole(restarts, "restarts"),
-        "seed": whole(seed, "seed"),
+        "restarts": None if restarts is None else integer(restarts, "restarts"),
+        "seed": integer(seed, "seed"),
     }
     data, provenance, errors = _gonio.train_reflectance(_materials(materials), options, _listeners(progress))
     return Part("reflectance", provenance, data, dict(errors))
@@ -205,10 +205,10 @@ def train_posterior(
     """
     options: PosteriorOptions = {
         "channel": choice(channel, "channel", CHANNELS),
-        "views": None if views is None else whole(views, "views"),
-        "draws": None if draws is None else whole(draws, "draws"),
-        "steps": None if steps is None else whole(steps, "steps"),
-        "seed": whole(seed, "seed"),
+        "views": None if views is None else integer(views, "views"),
+        "draws": None if draws is None else integer(draws, "draws"),
+        "steps": None if steps is None else integer(steps, "steps"),
+        "seed": integer(seed, "seed"),
     }
     data, provenance = _gonio.train_posterior(_lights(lights), _materials(materials), options, _listeners(progress))
     return Part("posterior", provenance, data)

@@ -142,7 +142,7 @@ class ProbeSettings(TypedDict):
     second_yaw: float | None
 
 
-class FoundBrdf(TypedDict):
+class BrdfData(TypedDict):
     """An estimated BRDF."""
 
     table: Floats
@@ -153,7 +153,7 @@ class FoundBrdf(TypedDict):
     model: Model
 
 
-class FoundInBasis(FoundBrdf):
+class BasisData(BrdfData):
     """Result of all methods from one photograph."""
 
     light: Floats
@@ -163,30 +163,30 @@ class FoundInBasis(FoundBrdf):
     page: str | None
 
 
-class FoundMaterial(FoundBrdf):
+class MaterialData(BrdfData):
     """A material with its uncertainty."""
 
     ends: tuple[Floats, Floats]
     quantiles: Floats
     rgb_quantiles: Floats | None
     undetermined: NDArray[np.bool_]
-    open: float
+    undetermined_share: float
     materials: list[tuple[str, float]]
-    gloss: Doubles
+    peak_to_body: Doubles
     alpha: Doubles
     gloss_units: list[Doubles]
     verdict: str
     likelihood: Likelihood
 
 
-class Found(FoundMaterial, FoundInBasis):
+class PosteriorData(MaterialData, BasisData):
     """Result of an inference."""
 
     scale: float
     scatter: float
 
 
-class FoundChecked(TypedDict):
+class CheckData(TypedDict):
     """Result of a check."""
 
     picture: Bytes
@@ -195,7 +195,7 @@ class FoundChecked(TypedDict):
     warnings: list[str]
 
 
-class FoundMerged(TypedDict):
+class MergeData(TypedDict):
     """Exposures merged into one image."""
 
     picture: Floats
@@ -208,10 +208,19 @@ class FoundMerged(TypedDict):
     warnings: list[str]
 
 
-class FoundTogether(FoundMaterial):
+class CombinedData(MaterialData):
     """Material from several photographs."""
 
     agreement: list[float]
+
+
+class PairData(TypedDict):
+    """Comparison of two results."""
+
+    of: list[str]
+    agreement: str
+    distance: float | None
+    sentence: str
 
 
 class SavedResult(TypedDict):

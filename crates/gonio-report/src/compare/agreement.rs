@@ -1,26 +1,29 @@
 //! Agreement of two results, and distance of their BRDFs.
 
 use gonio::reflectance::{BivariateTable, log_distance};
+use gonio_io::result::{Quantiles, ResultDocument};
 use rayon::prelude::*;
-use serde_json::Value;
 
 use super::{Entry, plain};
-use crate::report::{short, three};
+use crate::report::short;
 
-/// 5, 50 and 95 % quantiles of gloss and GGX alpha; `None` if a result does not contain them.
+/// 5, 50 and 95 % quantiles of roughness and peak; `None` if a result does not contain them.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Highlight {
-    pub(super) gloss: Option<[f64; 3]>,
-    pub(super) alpha: Option<[f64; 3]>,
+    /// Roughness of the principled models.
+    pub(super) roughness: Option<[f64; 3]>,
+    /// Ratio of the peak to the body.
+    pub(super) peak: Option<[f64; 3]>,
 }
 
 impl Highlight {
-    /// Reads `result.json`; invalid quantiles are ignored.
-    pub(super) fn of(notes: &Value) -> Self {
-        let gloss = &notes["posterior"]["gloss"];
+    /// Returns the quantiles of a result; invalid quantiles are ignored.
+    pub(super) fn of(result: &ResultDocument) -> Self {
         let sound = |[low, median, high]: &[f64; 3]| 0.0 < *low && low <= median && median <= high;
-        let read = |quantiles: &Value| three(quantiles).filter(sound);
-        Self { gloss: read(gloss), alpha: read(&gloss["ggx_alpha"]) }
+        let read = |quantiles: Quantiles| Some(<[f64; 3]>::from(quantiles)).filter(sound);
+        let Some(posterior) = &result.posterior else { return Self::default() };
+        let highlight = &posterior.highlight;
+        Self { roughness: highlight.roughness.and_then(read), peak: read(highlight.peak_to_body.quantiles) }
     }
 }
 
@@ -83,10 +86,12 @@ pub(super) fn pairs(entries: &[Entry]) -> Vec<Pair> {
     of.into_par_iter()
         .filter_map(|of| {
             let [a, b] = of.map(|at| &entries[at]);
-            let (one, other) = (a.found.as_ref().ok()?, b.found.as_ref().ok()?);
+            let (one, other) = (a.contents.as_ref().ok()?, b.contents.as_ref().ok()?);
             let distance = one.table.as_ref().zip(other.table.as_ref()).and_then(|(a, b)| distance(a, b));
-            let (agreement, sentence) =
-                agreement((&plain(&a.name), Highlight::of(&one.notes)), (&plain(&b.name), Highlight::of(&other.notes)));
+            let (agreement, sentence) = agreement(
+                (&plain(&a.name), Highlight::of(&one.result)),
+                (&plain(&b.name), Highlight::of(&other.result)),
+            );
             Some(Pair { of, agreement, distance, sentence })
         })
         .collect()
@@ -98,7 +103,7 @@ fn distance(a: &BivariateTable, b: &BivariateTable) -> Option<f64> {
 
 /// Compares two named results. Returns the worst agreement of the numbers that both contain.
 fn agreement((a, of_a): (&str, Highlight), (b, of_b): (&str, Highlight)) -> (Agreement, String) {
-    let known = [("gloss", of_a.gloss, of_b.gloss), ("GGX alpha", of_a.alpha, of_b.alpha)]
+    let known = [("roughness", of_a.roughness, of_b.roughness), ("peak height", of_a.peak, of_b.peak)]
         .into_iter()
         .filter_map(|(name, a, b)| Some((name, a?, b?)));
     let measures: Vec<_> = known.map(|(name, a, b)| (Agreement::of(a, b), name, a, b)).collect();
@@ -125,13 +130,13 @@ fn agreement((a, of_a): (&str, Highlight), (b, of_b): (&str, Highlight)) -> (Agr
 
 #[cfg(test)]
 mod tests {
-    use serde_json::json;
+    use gonio_io::result::{PeakToBody, Posterior};
 
-    use super::super::Found;
+    use super::super::FolderContents;
     use super::*;
 
-    fn highlight(gloss: [f64; 3], alpha: [f64; 3]) -> Highlight {
-        Highlight { gloss: Some(gloss), alpha: Some(alpha) }
+    fn highlight(peak: [f64; 3], roughness: [f64; 3]) -> Highlight {
+        Highlight { peak: Some(peak), roughness: Some(roughness) }
     }
 
     fn said(a: Highlight, b: Highlight) -> (Agreement, String) {
@@ -148,8 +153,8 @@ mod tests {
         assert_eq!(agreement, Agreement::Agree);
         assert_eq!(
             sentence,
-            "one and two agree within their intervals: gloss 30 (4.0 to 300) and 50 (20 to 90), \
-             GGX alpha 0.17 (0.10 to 0.28) and 0.15 (0.12 to 0.20)."
+            "one and two agree within their intervals: roughness 0.17 (0.10 to 0.28) and 0.15 (0.12 to 0.20), \
+             peak height 30 (4.0 to 300) and 50 (20 to 90)."
         );
     }
 
@@ -161,7 +166,7 @@ mod tests {
         assert_eq!(
             sentence,
             "one and two are possibly the same material: their intervals overlap, but at least one does not contain \
-             the other estimate: gloss 10 (4.0 to 30) and 50 (20 to 90)."
+             the other estimate: peak height 10 (4.0 to 30) and 50 (20 to 90)."
         );
     }
 
@@ -172,7 +177,7 @@ mod tests {
         assert_eq!(agreement, Agreement::Differ);
         assert_eq!(
             sentence,
-            "one and two differ, because their intervals do not overlap: GGX alpha 0.20 (0.10 to 0.30) and 0.60 (0.50 to 0.70)."
+            "one and two differ, because their intervals do not overlap: roughness 0.20 (0.10 to 0.30) and 0.60 (0.50 to 0.70)."
         );
         // Intervals with a common end overlap.
         let touching = highlight([30.0, 40.0, 50.0], [0.3, 0.4, 0.5]);
@@ -185,22 +190,24 @@ mod tests {
         let (agreement, sentence) = said(a, Highlight::default());
         assert_eq!(agreement, Agreement::Unknown);
         assert_eq!(sentence, "Agreement of one and two is unknown: two has no intervals.");
-        // An older result without alpha is compared by its gloss.
-        assert_eq!(said(a, Highlight { alpha: None, ..a }).0, Agreement::Agree);
+        // An older result without roughness is compared by its peak.
+        assert_eq!(said(a, Highlight { roughness: None, ..a }).0, Agreement::Agree);
     }
 
     #[test]
     fn ignores_invalid_quantiles() {
-        let of = |low: Value| {
-            Highlight::of(&json!({ "posterior": { "gloss": {
-                "5": low, "50": 2.0, "95": 3.0, "ggx_alpha": { "5": 0.1, "50": 0.2, "95": 0.3 },
-            } } }))
+        let of = |low: f64| {
+            let peak_to_body = PeakToBody { quantiles: [low, 2.0, 3.0].into(), factor: 3.0 };
+            let roughness = Some([0.1, 0.2, 0.3].into());
+            let highlight = gonio_io::result::Highlight { peak_to_body, roughness, ..Default::default() };
+            let posterior = Some(Posterior { highlight, ..Posterior::default() });
+            Highlight::of(&ResultDocument { posterior, ..ResultDocument::default() })
         };
-        assert_eq!(of(json!(1.0)), highlight([1.0, 2.0, 3.0], [0.1, 0.2, 0.3]));
-        for wrong in [json!(2.5), json!(-1.0), json!(0.0), json!("1"), json!(null)] {
-            assert_eq!(of(wrong).gloss, None);
+        assert_eq!(of(1.0), highlight([1.0, 2.0, 3.0], [0.1, 0.2, 0.3]));
+        for wrong in [2.5, -1.0, 0.0, f64::NAN] {
+            assert_eq!(of(wrong).peak, None);
         }
-        assert_eq!(Highlight::of(&json!([])), Highlight::default());
+        assert_eq!(Highlight::of(&ResultDocument::default()), Highlight::default());
     }
 
     #[test]
@@ -209,9 +216,9 @@ mod tests {
         let entry = |name: &str, table: Option<BivariateTable>| Entry {
             name: name.into(),
             report: None,
-            found: Ok(Found { table, ..Found::default() }),
+            contents: Ok(FolderContents { table, ..FolderContents::default() }),
         };
-        let failed = Entry { name: "failed".into(), report: None, found: Err("no photograph".into()) };
+        let failed = Entry { name: "failed".into(), report: None, contents: Err("no photograph".into()) };
         let entries = [
             entry("a", Some(table(0.1))),
             entry("b", Some(table(0.3))),

@@ -12,13 +12,13 @@ const MARKS: usize = 6;
 
 pub(super) fn section(entries: &[Entry]) -> Markup {
     let highlights: Vec<(String, Highlight)> =
-        found(entries).map(|(entry, found)| (plain(&entry.name), Highlight::of(&found.notes))).collect();
+        found(entries).map(|(entry, found)| (plain(&entry.name), Highlight::of(&found.result))).collect();
     let of = |measure: fn(&Highlight) -> Option<[f64; 3]>| -> Vec<(&str, [f64; 3])> {
         highlights.iter().filter_map(|(name, highlight)| Some((name.as_str(), measure(highlight)?))).collect()
     };
     let charts = [
-        chart("Gloss (ratio of peak to base, increases with sharpness)", &of(|highlight| highlight.gloss)),
-        chart("GGX alpha (width of the lobe, decreases with sharpness)", &of(|highlight| highlight.alpha)),
+        chart("Roughness (decreases with sharpness)", &of(|highlight| highlight.roughness)),
+        chart("Peak height (increases with sharpness)", &of(|highlight| highlight.peak)),
     ];
     html! {
         @if charts.iter().all(Option::is_none) { p.note { "No result has intervals." } }

@@ -4,7 +4,7 @@ use gonio::estimate::ALBEDO;
 use gonio::reflectance::BivariateTable;
 use maud::{Markup, html};
 
-use super::{Entry, MOST, found, left_out, plain};
+use super::{Entry, MAX_COMPARED, found, left_out, plain};
 use crate::page::chart::{Axis, COLOURS, Frame, LINES, Series, chart};
 use crate::page::figure;
 use crate::report::cut;
@@ -13,7 +13,7 @@ use crate::report::cut;
 const CUT: usize = 5;
 
 pub(super) fn section(entries: &[Entry]) -> Markup {
-    if entries.len() > MOST {
+    if entries.len() > MAX_COMPARED {
         return left_out("The curves are omitted");
     }
     let tables = found(entries).filter_map(|(entry, found)| Some((entry, scaled(found.table.as_ref()?)?)));
@@ -51,14 +51,11 @@ fn scaled(table: &BivariateTable) -> Option<BivariateTable> {
 
 #[cfg(test)]
 mod tests {
-    use serde_json::Value;
-
-    use super::super::Found;
+    use super::super::FolderContents;
     use super::*;
 
     fn entry(name: String, table: Option<BivariateTable>) -> Entry {
-        let notes = Value::Null;
-        Entry { name, report: None, found: Ok(Found { notes, table, ..Found::default() }) }
+        Entry { name, report: None, contents: Ok(FolderContents { table, ..FolderContents::default() }) }
     }
 
     #[test]
@@ -73,7 +70,7 @@ mod tests {
         assert!(drawn.contains("Shown: n0; n3."), "{drawn}");
         assert!(names(vec![None, flat(0.0)]).contains("No folder contains"));
         // The curves of 24 results differ by colour or line style.
-        let all = names((0..MOST).map(|i| flat(0.1 + i as f64)).collect());
+        let all = names((0..MAX_COMPARED).map(|i| flat(0.1 + i as f64)).collect());
         assert_eq!(all.matches("stroke-dasharray=\"6 3\"").count(), 8);
         assert_eq!(all.matches("stroke-dasharray=\"3 4\"").count(), 8);
     }

@@ -2,14 +2,14 @@
 
 use maud::{Markup, html};
 
-use super::{Agreement, Comparison, Entry, MOST, Pair, left_out, plain};
+use super::{Agreement, Comparison, Entry, MAX_COMPARED, Pair, left_out, plain};
 
 /// Largest number of pairs that are described in sentences.
 const SENTENCES: usize = 10;
 
 pub(super) fn section(comparison: &Comparison) -> Markup {
     let Comparison { entries, pairs } = comparison;
-    if entries.len() > MOST {
+    if entries.len() > MAX_COMPARED {
         return left_out("Distances and agreement of pairs are omitted");
     }
     // With many pairs, list only those that differ.
@@ -21,8 +21,8 @@ pub(super) fn section(comparison: &Comparison) -> Markup {
         ul { @for pair in shown.take(SENTENCES) { li { (pair.sentence) } } }
         @if more > 0 { p { "The table lists " (more) " more pairs that differ." } }
         p.note {
-            "Two results " strong { "agree" } " if each estimate lies in the 90 % interval of the other, in gloss \
-                and in GGX alpha. They "
+            "Two results " strong { "agree" } " if each estimate lies in the 90 % interval of the other, in \
+                roughness and in peak height. They "
             strong { "overlap" } " if only their intervals overlap, and " strong { "differ" } " if their intervals do \
                 not overlap. Agreement does not prove that the material is the same: a very uncertain result agrees \
                 with most others."
@@ -84,7 +84,7 @@ fn table(entries: &[Entry], pairs: &[Pair]) -> Markup {
 
 #[cfg(test)]
 mod tests {
-    use super::super::Found;
+    use super::super::FolderContents;
     use super::*;
 
     fn pair(of: [usize; 2], agreement: Agreement, distance: Option<f64>) -> Pair {
@@ -92,7 +92,7 @@ mod tests {
     }
 
     fn entries(count: usize) -> Vec<Entry> {
-        let entry = |i: usize| Entry { name: format!("n{i}"), report: None, found: Ok(Found::default()) };
+        let entry = |i: usize| Entry { name: format!("n{i}"), report: None, contents: Ok(FolderContents::default()) };
         (0..count).map(entry).collect()
     }
 

@@ -9,8 +9,8 @@ mod overview;
 use glam::Vec3;
 use gonio::picture::Plane;
 use gonio::reflectance::BivariateTable;
+use gonio_io::result::ResultDocument;
 use maud::{Markup, html};
-use serde_json::Value;
 
 pub use agreement::{Agreement, Pair};
 
@@ -21,9 +21,9 @@ use agreement::Highlight;
 const STYLE: &str = include_str!("compare.css");
 
 /// Largest number of results whose BRDFs are drawn in one chart and compared.
-pub const MOST: usize = 24;
+pub const MAX_COMPARED: usize = 24;
 /// Largest number of results that are shown with pictures.
-pub const MOST_PICTURES: usize = 200;
+pub const MAX_PICTURES: usize = 200;
 
 /// Longer side of the pictures of a result, in pixels. The page shows them at half this size.
 const THUMBNAIL: usize = 224;
@@ -37,19 +37,19 @@ pub struct Entry {
     /// URL of its report, relative to this page.
     pub report: Option<String>,
     /// Contents of its folder, or the error.
-    pub found: Result<Found, String>,
+    pub contents: Result<FolderContents, String>,
 }
 
-/// Contents of a folder of results. Each part can be missing or invalid.
+/// Contents of a folder of results. Pictures and table can be missing.
 #[derive(Default)]
-pub struct Found {
+pub struct FolderContents {
     /// `result.json`.
-    pub notes: Value,
+    pub result: ResultDocument,
     /// The photograph, as [`thumbnail`] makes it.
     pub photograph: Option<Plane<Vec3>>,
     /// A sphere of the material, as [`thumbnail`] makes it.
     pub sphere: Option<Plane<Vec3>>,
-    /// Luminance of the BRDF (1/sr); read if there are not more than [`MOST`] results.
+    /// Luminance of the BRDF (1/sr); read if there are not more than [`MAX_COMPARED`] results.
     pub table: Option<BivariateTable>,
     /// Errors of its files, one line each.
     pub faults: Vec<String>,
@@ -66,14 +66,15 @@ pub fn thumbnail(picture: &Plane<Vec3>) -> Plane<Vec3> {
 /// Results side by side.
 pub struct Comparison {
     entries: Vec<Entry>,
-    /// All pairs of results, except missing ones; empty if there are more than [`MOST`] results.
+    /// All pairs of results, except missing ones; empty if there are more than [`MAX_COMPARED`]
+    /// results.
     pub pairs: Vec<Pair>,
 }
 
 impl Comparison {
     /// Compares results.
     pub fn of(entries: Vec<Entry>) -> Self {
-        let pairs = if entries.len() <= MOST { agreement::pairs(&entries) } else { Vec::new() };
+        let pairs = if entries.len() <= MAX_COMPARED { agreement::pairs(&entries) } else { Vec::new() };
         Self { entries, pairs }
     }
 
@@ -92,7 +93,7 @@ impl Comparison {
         let section = |id: &str, title: &str, body: Markup| Section { id: id.into(), title: title.into(), body };
         let mut sections = vec![
             section("results", "Results", overview::table(&self.entries)),
-            section("intervals", "Gloss and width of the highlight", intervals::section(&self.entries)),
+            section("intervals", "Roughness and peak height", intervals::section(&self.entries)),
         ];
         if self.entries.len() > 1 {
             sections.push(section("brdfs", "BRDFs", lobes::section(&self.entries)));
@@ -107,13 +108,13 @@ impl Comparison {
 
     /// Renders the agreement of the results, and notes on missing parts.
     fn lead(&self) -> Markup {
-        let missing = self.entries.iter().filter(|entry| entry.found.is_err()).count();
+        let missing = self.entries.iter().filter(|entry| entry.contents.is_err()).count();
         html! {
             @if let [pair] = &self.pairs[..] { p.answer { (pair.sentence) } }
             @else if !self.pairs.is_empty() { p.answer { (matrix::counts(&self.pairs)) } }
             @if missing > 0 { p { (missing) " of " (self.entries.len()) " results are missing." } }
-            @if self.entries.len() > MOST_PICTURES {
-                p.note { "Pictures are omitted, because there are more than " (MOST_PICTURES) " results." }
+            @if self.entries.len() > MAX_PICTURES {
+                p.note { "Pictures are omitted, because there are more than " (MAX_PICTURES) " results." }
             }
         }
     }
@@ -121,12 +122,12 @@ impl Comparison {
 
 /// Renders a note that a part of the page is omitted because of too many results.
 fn left_out(what: &str) -> Markup {
-    html! { p.note { (what) ", because there are more than " (MOST) " results." } }
+    html! { p.note { (what) ", because there are more than " (MAX_COMPARED) " results." } }
 }
 
 /// Iterates over the results that were found.
-fn found(entries: &[Entry]) -> impl Iterator<Item = (&Entry, &Found)> {
-    entries.iter().filter_map(|entry| Some((entry, entry.found.as_ref().ok()?)))
+fn found(entries: &[Entry]) -> impl Iterator<Item = (&Entry, &FolderContents)> {
+    entries.iter().filter_map(|entry| Some((entry, entry.contents.as_ref().ok()?)))
 }
 
 /// Shortens a text from a folder, and replaces characters that control the output or the text
@@ -142,27 +143,36 @@ fn plain(text: &str) -> String {
 
 #[cfg(test)]
 mod tests {
-    use serde_json::json;
+    use gonio_io::result::{Highlight, PeakToBody, Posterior, Residual, SimilarMaterial};
 
     use super::*;
 
-    fn entry(name: &str, notes: Value) -> Entry {
+    fn entry(name: &str, result: ResultDocument) -> Entry {
         let sphere = Some(thumbnail(&Plane::from_fn(512, 512, |_, _| Vec3::splat(0.5))));
         let table = Some(BivariateTable::from_fn(|h, _| 0.1 + 5.0 * (-(h / 0.2).powi(2)).exp()));
-        Entry { name: name.into(), report: None, found: Ok(Found { notes, sphere, table, ..Found::default() }) }
+        Entry {
+            name: name.into(),
+            report: None,
+            contents: Ok(FolderContents { result, sphere, table, ..FolderContents::default() }),
+        }
     }
 
-    fn notes(gloss: f64) -> Value {
-        json!({ "posterior": {
-            "gloss": { "5": gloss / 2.0, "50": gloss, "95": gloss * 2.0, "verdict": "known <well>" },
-            "materials": [{ "name": "<b>brass</b>", "weight": 0.5 }],
-        }, "warnings": ["odd & <i>"], "noise": { "misfit": 0.02, "expected": 0.1 } })
+    fn result(peak: f64) -> ResultDocument {
+        let peak_to_body = PeakToBody { quantiles: [peak / 2.0, peak, peak * 2.0].into(), factor: 4.0 };
+        let highlight = Highlight { peak_to_body, verdict: "known <well>".into(), ..Highlight::default() };
+        let materials = vec![SimilarMaterial { name: "<b>brass</b>".into(), weight: 0.5 }];
+        ResultDocument {
+            posterior: Some(Posterior { highlight, materials, ..Posterior::default() }),
+            warnings: vec!["odd & <i>".into()],
+            residual: Some(Residual { misfit: 0.02, expected: Some(0.1), ..Residual::default() }),
+            ..ResultDocument::new("learnt", "0.1.0")
+        }
     }
 
     #[test]
-    fn escapes_names_and_notes() {
+    fn escapes_names_and_texts() {
         let names = ["<script>alert(1)</script>", "\u{202e}\u{1b}[31m\"'>"];
-        let page = Comparison::of(names.map(|name| entry(name, notes(10.0))).into()).render();
+        let page = Comparison::of(names.map(|name| entry(name, result(10.0))).into()).render();
         for text in ["&lt;script&gt;", "&lt;b&gt;brass", "odd &amp; &lt;i&gt;", "known &lt;well&gt;"] {
             assert!(page.contains(text), "{text}");
         }
@@ -171,49 +181,50 @@ mod tests {
     }
 
     #[test]
-    fn renders_invalid_notes() {
+    fn renders_odd_numbers() {
         let odd = [
-            Value::Null,
-            json!([1, 2]),
-            json!({ "posterior": 3, "warnings": "none", "colour": { "body": { "rgb": ["a"] } } }),
-            json!({ "posterior": { "gloss": { "5": -1, "50": 1e308, "95": 0 }, "materials": [7] }, "warnings": [{}] }),
-            json!({ "colour": { "body": { "rgb": [] }, "highlight": { "rgb": [1e308, -1, 0] } } }),
+            ResultDocument::default(),
+            result(-1.0),
+            result(1e307),
+            ResultDocument { posterior: Some(Posterior::default()), ..ResultDocument::default() },
         ];
-        let mut entries: Vec<Entry> = odd.into_iter().map(|notes| entry("odd", notes)).collect();
-        entries.push(Entry { name: "failed".into(), report: None, found: Err("is <gone>".into()) });
+        let mut entries: Vec<Entry> = odd.into_iter().map(|result| entry("odd", result)).collect();
+        entries.push(Entry { name: "failed".into(), report: None, contents: Err("is <gone>".into()) });
         let page = Comparison::of(entries).render();
-        assert!(page.contains("is &lt;gone&gt;") && page.contains("1 of 6 results are missing"));
+        assert!(page.contains("is &lt;gone&gt;") && page.contains("1 of 5 results are missing"));
         assert!(!page.contains(">NaN<") && !page.contains("inf<"));
     }
 
     #[test]
     fn two_results_begin_with_their_agreement() {
-        let comparison = Comparison::of(vec![entry("a", notes(10.0)), entry("b", notes(1000.0))]);
+        let comparison = Comparison::of(vec![entry("a", result(10.0)), entry("b", result(1000.0))]);
         assert_eq!(comparison.pairs[0].agreement, Agreement::Differ);
         let page = comparison.render();
-        assert!(page.contains("<p class=\"answer\">a and b differ, because their intervals do not overlap: gloss 10"));
+        assert!(
+            page.contains("<p class=\"answer\">a and b differ, because their intervals do not overlap: peak height 10")
+        );
         assert!(page.contains("Comparison of 2 results"));
     }
 
     #[test]
     fn many_results_have_only_table_and_intervals() {
         let of = |count: usize| {
-            let mut entries: Vec<Entry> = (0..count).map(|i| entry(&format!("n{i}"), notes(10.0))).collect();
+            let mut entries: Vec<Entry> = (0..count).map(|i| entry(&format!("n{i}"), result(10.0))).collect();
             // Computing all distances would take seconds.
-            entries.iter_mut().skip(2).for_each(|entry| entry.found.as_mut().unwrap().table = None);
+            entries.iter_mut().skip(2).for_each(|entry| entry.contents.as_mut().unwrap().table = None);
             Comparison::of(entries).render()
         };
-        let (few, many) = (of(MOST), of(MOST + 1));
+        let (few, many) = (of(MAX_COMPARED), of(MAX_COMPARED + 1));
         assert!(few.contains("class=\"distances\"") && few.contains("role=\"img\""));
         assert!(!few.contains("omitted"), "no part is omitted");
         assert!(!many.contains("class=\"distances\""));
         assert_eq!(many.matches("because there are more than 24 results").count(), 2);
-        assert_eq!(many.matches("class=\"interval\"").count(), MOST + 1);
+        assert_eq!(many.matches("class=\"interval\"").count(), MAX_COMPARED + 1);
     }
 
     #[test]
     fn one_result_has_no_agreement() {
-        let page = Comparison::of(vec![entry("only", notes(10.0))]).render();
+        let page = Comparison::of(vec![entry("only", result(10.0))]).render();
         assert!(page.contains("One result") && !page.contains("id=\"agreement\""));
     }
 

@@ -2,19 +2,19 @@
 
 use glam::Vec3;
 use gonio::picture::Plane;
+use gonio_io::result::{Colour, GlossUnits, Quantiles, Residual, ResultDocument, SimilarMaterial};
 use maud::{Markup, html};
-use serde_json::Value;
 
-use super::{Entry, Found, Highlight, plain};
+use super::{Entry, FolderContents, Highlight, plain};
 use crate::page::figure;
-use crate::report::{hex, linear, percent, short, three};
+use crate::report::{hex, percent, short};
 
 /// Columns after the name.
 const COLUMNS: [&str; 9] = [
     "photograph",
     "in a new light",
-    "gloss",
-    "GGX alpha",
+    "roughness",
+    "peak height",
     "gloss units",
     "colours",
     "most similar highlight",
@@ -42,9 +42,9 @@ fn row(at: usize, entry: &Entry) -> Markup {
         th scope="row" {
             (at + 1) " "
             @match &entry.report { Some(report) => { a href=(report) { (name) } } None => { (name) } }
-            @if let Ok(found) = &entry.found { (origin(&found.notes)) }
+            @if let Ok(found) = &entry.contents { (origin(&found.result)) }
         }
-        @match &entry.found {
+        @match &entry.contents {
             Ok(found) => { (cells(&name, found)) }
             Err(why) => { td.words colspan=(COLUMNS.len()) { strong { "No result: " } (plain(why)) } }
         }
@@ -52,32 +52,31 @@ fn row(at: usize, entry: &Entry) -> Markup {
 }
 
 /// Renders the photographs and the method of a result.
-fn origin(notes: &Value) -> Markup {
-    let of_many = notes["photographs"].as_array().into_iter().flatten();
-    let images = of_many.flat_map(|photograph| texts(&photograph["images"]));
-    let images: Vec<String> = text(&notes["image"]).into_iter().chain(images).collect();
+fn origin(result: &ResultDocument) -> Markup {
+    let images: Vec<&str> = result.images().collect();
     html! {
         @if !images.is_empty() { small { (plain(&images.join(", "))) } }
-        @if let Some(method) = text(&notes["method"]) { small { (method) } }
+        @if !result.method.is_empty() { small { (plain(&result.method)) } }
     }
 }
 
-fn cells(name: &str, found: &Found) -> Markup {
-    let Found { notes, photograph, sphere, table: _, faults } = found;
-    let Highlight { gloss, alpha } = Highlight::of(notes);
+fn cells(name: &str, found: &FolderContents) -> Markup {
+    let FolderContents { result, photograph, sphere, table: _, faults } = found;
+    let Highlight { roughness, peak } = Highlight::of(result);
+    let posterior = result.posterior.as_ref();
     let picture = |picture: Option<&Plane<Vec3>>, words: &str| {
         html! { td { @match picture { Some(picture) => { (figure::picture(picture, words)) } None => { "–" } } } }
     };
     html! {
         (picture(photograph.as_ref(), &format!("The photograph of {name}")))
         (picture(sphere.as_ref(), &format!("A sphere of the material of {name}")))
-        (interval(gloss))
-        (interval(alpha))
-        td { (units(&notes["posterior"]["gloss"]["units"])) }
-        td { (colours(&notes["colour"])) }
-        td.words { (nearest(&notes["posterior"]["materials"][0])) }
-        td { (misfit(&notes["noise"])) }
-        td.words { (trust(notes, faults)) }
+        (interval(roughness))
+        (interval(peak))
+        td { (gloss_units(posterior.and_then(|posterior| posterior.highlight.gloss_units))) }
+        td { (colours(&result.colour)) }
+        td.words { (nearest(posterior.and_then(|posterior| posterior.materials.first()))) }
+        td { (misfit(result.residual)) }
+        td.words { (trust(result, faults)) }
     }
 }
 
@@ -92,22 +91,19 @@ fn interval(quantiles: Option<[f64; 3]>) -> Markup {
     }
 }
 
-fn units(units: &Value) -> Markup {
-    let at = |angle: &str| Some((format!("{angle}°"), three(&units[angle])?));
-    let known: Vec<_> = ["20", "60"].into_iter().filter_map(at).collect();
-    let albedo = units["albedo"].as_f64().filter(|albedo| *albedo != gonio::estimate::ALBEDO);
+fn gloss_units(units: Option<GlossUnits>) -> Markup {
+    let Some(GlossUnits { albedo, at_20, at_60 }) = units else { return html! { "–" } };
     html! {
-        @if known.is_empty() { "–" }
-        @for (angle, [low, median, high]) in known {
+        @for (angle, Quantiles { low, median, high }) in [("20°", at_20), ("60°", at_60)] {
             div { (angle) ": " strong { (short(median)) } small { (short(low)) " to " (short(high)) } }
         }
-        @if let Some(albedo) = albedo { small { "albedo " (short(albedo)) } }
+        @if albedo != gonio::estimate::ALBEDO { small { "albedo " (short(albedo)) } }
     }
 }
 
-fn colours(colour: &Value) -> Markup {
-    let of = |part: &'static str| Some((part, hex(&linear(&colour[part]["rgb"])?)));
-    let known: Vec<_> = ["body", "highlight"].into_iter().filter_map(of).collect();
+fn colours(colour: &Colour) -> Markup {
+    let parts = [("body", &colour.body), ("highlight", &colour.highlight)];
+    let known: Vec<_> = parts.into_iter().filter_map(|(part, found)| Some((part, hex(&found.as_ref()?.rgb)))).collect();
     html! {
         @if known.is_empty() { "–" }
         @for (part, hex) in known {
@@ -116,24 +112,21 @@ fn colours(colour: &Value) -> Markup {
     }
 }
 
-fn nearest(material: &Value) -> Markup {
+fn nearest(material: Option<&SimilarMaterial>) -> Markup {
     html! {
-        @match text(&material["name"]) {
-            Some(name) => {
-                (name)
-                @if let Some(weight) = material["weight"].as_f64() { small { (percent(weight)) " of the posterior" } }
-            }
+        @match material {
+            Some(SimilarMaterial { name, weight }) => { (plain(name)) small { (percent(*weight)) " of the posterior" } }
             None => { "–" }
         }
     }
 }
 
-fn misfit(noise: &Value) -> Markup {
+fn misfit(residual: Option<Residual>) -> Markup {
     html! {
-        @match noise["misfit"].as_f64() {
-            Some(misfit) => {
+        @match residual {
+            Some(Residual { misfit, expected, .. }) => {
                 strong { (percent(misfit)) }
-                @if let Some(expected) = noise["expected"].as_f64() { small { "expected " (percent(expected)) } }
+                @if let Some(expected) = expected { small { "expected " (percent(expected)) } }
             }
             None => { "–" }
         }
@@ -141,10 +134,10 @@ fn misfit(noise: &Value) -> Markup {
 }
 
 /// Renders the uncertainty of a result, its warnings (folded) and its errors.
-fn trust(notes: &Value, faults: &[String]) -> Markup {
-    let warnings = texts(&notes["warnings"]);
+fn trust(result: &ResultDocument, faults: &[String]) -> Markup {
+    let warnings: Vec<String> = result.warnings.iter().map(|warning| plain(warning)).collect();
     html! {
-        (text(&notes["posterior"]["gloss"]["verdict"]).unwrap_or_else(|| "–".to_owned()))
+        (result.posterior.as_ref().map_or_else(|| "–".to_owned(), |posterior| plain(&posterior.highlight.verdict)))
         @if !warnings.is_empty() {
             details {
                 summary { @if warnings.len() == 1 { "1 warning" } @else { (warnings.len()) " warnings" } }
@@ -155,36 +148,41 @@ fn trust(notes: &Value, faults: &[String]) -> Markup {
     }
 }
 
-fn text(value: &Value) -> Option<String> {
-    value.as_str().map(plain)
-}
-
-fn texts(list: &Value) -> Vec<String> {
-    list.as_array().into_iter().flatten().filter_map(text).collect()
-}
-
 #[cfg(test)]
 mod tests {
-    use serde_json::json;
+    use gonio_io::result::{self, PeakToBody, Posterior, UncertainColour};
 
     use super::*;
 
     #[test]
     fn row_contains_the_numbers_of_its_result() {
-        let three = |low: f64| json!({ "5": low, "50": 2.0 * low, "95": 4.0 * low });
-        let mut gloss = three(10.0);
-        gloss["ggx_alpha"] = three(0.1);
-        gloss["units"] = json!({ "albedo": 0.25, "20": three(1.0), "60": three(5.0) });
-        gloss["verdict"] = json!("known to a factor of 4.0");
-        let notes = json!({
-            "image": "ball.exr", "method": "learnt",
-            "posterior": { "gloss": gloss, "materials": [{ "name": "brass", "weight": 0.32 }] },
-            "noise": { "misfit": 0.018, "expected": 0.15 },
-            "colour": { "body": { "rgb": [1.0, 0.0, 0.0] }, "highlight": { "rgb": [1.0, 1.0, 1.0] } },
-            "warnings": ["one", "two"],
-        });
-        let found = Found { notes, faults: vec!["brdf.binary: is cut short".into()], ..Found::default() };
-        let entry = Entry { name: "a".into(), report: Some("./a/report.html".into()), found: Ok(found) };
+        let three = |low: f64| Quantiles { low, median: 2.0 * low, high: 4.0 * low };
+        let highlight = result::Highlight {
+            verdict: "known to a factor of 4.0".into(),
+            roughness: Some(three(0.1)),
+            gloss_units: Some(GlossUnits { albedo: 0.25, at_20: three(1.0), at_60: three(5.0) }),
+            peak_to_body: PeakToBody { quantiles: three(10.0), factor: 4.0 },
+            ..result::Highlight::default()
+        };
+        let materials = vec![SimilarMaterial { name: "brass".into(), weight: 0.32 }];
+        let red = UncertainColour {
+            rgb: [1.0, 0.0, 0.0],
+            log_chroma: [0.0; 2],
+            interval_90: None,
+            log_chroma_sd: None,
+            quantile_colours: Vec::new(),
+        };
+        let result = ResultDocument {
+            image: Some("ball.exr".into()),
+            posterior: Some(Posterior { highlight, materials, ..Posterior::default() }),
+            residual: Some(Residual { misfit: 0.018, expected: Some(0.15), ..Residual::default() }),
+            colour: Colour { body: Some(red), ..Colour::default() },
+            warnings: vec!["one".into(), "two".into()],
+            ..ResultDocument::new("learnt", "0.1.0")
+        };
+        let found =
+            FolderContents { result, faults: vec!["brdf.binary: is cut short".into()], ..FolderContents::default() };
+        let entry = Entry { name: "a".into(), report: Some("./a/report.html".into()), contents: Ok(found) };
         let html = row(0, &entry).into_string();
         for text in [
             "<a href=\"./a/report.html\">a</a><small>ball.exr</small><small>learnt</small>",
@@ -206,8 +204,8 @@ mod tests {
 
     #[test]
     fn unknown_values_are_dashes() {
-        let found = Found { notes: json!({ "format": "gonio-result" }), ..Found::default() };
-        let html = row(0, &Entry { name: "old".into(), report: None, found: Ok(found) }).into_string();
+        let html =
+            row(0, &Entry { name: "old".into(), report: None, contents: Ok(FolderContents::default()) }).into_string();
         assert_eq!((html.matches("<td").count(), html.matches('–').count()), (9, 9), "{html}");
     }
 }

@@ -18,7 +18,7 @@ const BLIND: usize = 5;
 const ROWS: usize = 34;
 
 /// The narrow part of a material.
-pub(super) struct Gloss {
+pub(super) struct NarrowLobe {
     /// Weights of the levels at each degree of the difference angle.
     weights: Vec<[Vec3A; LEVELS]>,
 }
@@ -28,7 +28,7 @@ pub(super) struct Gloss {
 ///
 /// Over the half angle, a table is a sum of discs. The height of each disc is the step from a row
 /// to the next. Small discs form the narrow lobe; the rest is smooth.
-pub(super) fn split(tables: &[BivariateTable; 3], pixel: f32) -> (Gloss, [BivariateTable; 3]) {
+pub(super) fn split(tables: &[BivariateTable; 3], pixel: f32) -> (NarrowLobe, [BivariateTable; 3]) {
     let share = |i: usize| {
         let degrees = 90.0 * edge(i).powi(2);
         let x = ((NARROW.1 - degrees) / (NARROW.1 - NARROW.0)).clamp(0.0, 1.0);
@@ -65,7 +65,7 @@ pub(super) fn split(tables: &[BivariateTable; 3], pixel: f32) -> (Gloss, [Bivari
         BivariateTable::from_vec(values.into_iter().map(|v| v.max(0.0)).collect())
     });
     let degrees = (0..=90).map(|j: usize| weights(j.clamp(BLIND, THETA_D - 1)));
-    (Gloss { weights: degrees.collect() }, rest)
+    (NarrowLobe { weights: degrees.collect() }, rest)
 }
 
 /// Returns the square root of the half angle between a row and the next, in units of 90 degrees.
@@ -73,7 +73,7 @@ fn edge(i: usize) -> f32 {
     (i as f32 + 0.5) / THETA_H as f32
 }
 
-impl Gloss {
+impl NarrowLobe {
     /// Returns the weights of the levels of the light at an index from [`degree`]. The weighted sum
     /// of the levels times `4 cos^2` is the radiance.
     pub(super) fn at(&self, degree: usize) -> &[Vec3A; LEVELS] {
@@ -81,7 +81,7 @@ impl Gloss {
     }
 }
 
-/// Returns the index for [`Gloss::at`] of a normal with this cosine to the view direction.
+/// Returns the index for [`NarrowLobe::at`] of a normal with this cosine to the view direction.
 pub(super) fn degree(cos: f32) -> usize {
     (cos.clamp(0.0, 1.0).acos().to_degrees() + 0.5) as usize
 }

@@ -14,13 +14,13 @@ use gonio::picture::Plane;
 use rayon::prelude::*;
 
 /// Texels along a side of the finest level: 0.3 degrees at the centre.
-const SIDE: usize = 768;
+const FINEST_SIDE: usize = 768;
 /// Number of levels, each with half the resolution of the one before; the last blurs by 7 degrees.
 pub(super) const LEVELS: usize = 6;
 
 /// Radiance times the cube of the cosine of the half vector, over half vectors in front of the
 /// camera.
-pub(super) struct HalfLight {
+pub(super) struct HalfVectorLight {
     levels: Vec<Level>,
 }
 
@@ -29,9 +29,9 @@ struct Level {
     texels: Vec<Vec3A>,
 }
 
-impl HalfLight {
+impl HalfVectorLight {
     pub(super) fn of(light: &EnvironmentMap) -> Self {
-        let row = |y: usize| (0..SIDE).map(move |x| (at_centre(x, SIDE), -at_centre(y, SIDE)));
+        let row = |y: usize| (0..FINEST_SIDE).map(move |x| (at_centre(x, FINEST_SIDE), -at_centre(y, FINEST_SIDE)));
         let texel = |(x, y): (f32, f32)| {
             let square = x * x + y * y;
             if square >= 1.0 {
@@ -41,8 +41,8 @@ impl HalfLight {
             let towards = 2.0 * half.z * half - Vec3::Z;
             Vec3A::from(between(light.radiance(), towards)) * half.z.powi(3)
         };
-        let finest = (0..SIDE).into_par_iter().flat_map_iter(|y| row(y).map(texel)).collect();
-        let mut levels = vec![Level { side: SIDE, texels: finest }];
+        let finest = (0..FINEST_SIDE).into_par_iter().flat_map_iter(|y| row(y).map(texel)).collect();
+        let mut levels = vec![Level { side: FINEST_SIDE, texels: finest }];
         while levels.len() < LEVELS {
             levels.extend(levels.last().map(Level::halved));
         }
@@ -71,7 +71,7 @@ pub(super) fn variances(cos: f32) -> [f32; LEVELS] {
     // In square texels: the variance of the previous halvings, plus 1/3 for the cubic spline.
     let mut halvings = 0.0;
     std::array::from_fn(|level| {
-        let texel = 2.0 * (1.0 + cos) / (SIDE >> level) as f32;
+        let texel = 2.0 * (1.0 + cos) / (FINEST_SIDE >> level) as f32;
         let variance = (halvings + 1.0 / 3.0) * texel * texel;
         halvings = 0.25 * halvings + 0.1875;
         variance

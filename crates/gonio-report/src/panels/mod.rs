@@ -20,7 +20,7 @@ use gonio::scene::Detection;
 
 use crate::canvas::PAPER;
 pub use light::{dark_studio, display, resolution};
-pub(crate) use stage::Stage;
+pub(crate) use stage::PanelRenderer;
 use view::View;
 
 /// Height of a panel, in pixels.
@@ -72,7 +72,7 @@ pub struct Panels {
     pub residual: Plane<Vec3>,
     /// The light as a lat-long picture as wide as the other panels and half as high.
     pub light: Plane<Vec3>,
-    /// Spheres of the BRDF in [`own_lights`], with their names.
+    /// Spheres of the BRDF in [`builtin_lights`], with their names.
     pub spheres: Vec<(&'static str, Plane<Vec3>)>,
     /// Spheres of the dull and the glossy end of the interval in the first of these lights, for
     /// methods that estimate the uncertainty.
@@ -82,13 +82,13 @@ pub struct Panels {
     pub draws: Vec<Plane<Vec3>>,
 }
 
-/// Returns the first built-in light of [`own_lights`].
-pub(crate) fn own_sphere_light() -> EnvironmentMap {
+/// Returns the first built-in light of [`builtin_lights`].
+pub(crate) fn builtin_sphere_light() -> EnvironmentMap {
     dark_studio(LIGHT_ROWS)
 }
 
 /// Returns names and maps of the built-in lights for spheres, `2 height` x `height` pixels.
-pub fn own_lights(height: usize) -> [(&'static str, EnvironmentMap); 3] {
+pub fn builtin_lights(height: usize) -> [(&'static str, EnvironmentMap); 3] {
     [("studio", dark_studio(height)), ("clear sky", sky_light(height)), ("lamps at night", lamp_light(height))]
 }
 
@@ -113,10 +113,10 @@ impl Panels {
         let ends = subject.material.iter().flat_map(|material| &material.ends.tables);
         let shown: Vec<[BivariateTable; 3]> = std::iter::once(subject.table).chain(ends).map(coloured).collect();
         let (mut spheres, mut ends, mut draws) = (Vec::new(), Vec::new(), Vec::new());
-        for (i, (name, light)) in own_lights(LIGHT_ROWS).into_iter().enumerate() {
+        for (i, (name, light)) in builtin_lights(LIGHT_ROWS).into_iter().enumerate() {
             // Draw the ends in the first light only; they differ as clearly in it as in the others.
             let materials = if i == 0 { &shown[..] } else { &shown[..1] };
-            let stage = Stage::of(&light);
+            let stage = PanelRenderer::of(&light);
             let drawn = stage.spheres(materials);
             let exposure = sphere_exposure(&drawn[0]);
             let mut drawn = drawn.iter().map(|p| over_paper(p, exposure));
@@ -148,11 +148,11 @@ impl Panels {
 /// Renders the object in the estimated or known light, on the scale of the photograph.
 fn reproduction(subject: &Subject<'_>, view: &View<'_>, input: &Picture) -> Picture {
     let stage = match (subject.light, subject.known_light) {
-        (Some(grid), _) => display(grid).map(|map| Stage::of(&map)),
-        (None, Some(map)) => Some(Stage::of(&map.reduced(2 * LIGHT_ROWS))),
+        (Some(grid), _) => display(grid).map(|map| PanelRenderer::of(&map)),
+        (None, Some(map)) => Some(PanelRenderer::of(&map.reduced(2 * LIGHT_ROWS))),
         (None, None) => None,
     };
-    let stage = stage.unwrap_or_else(|| Stage::of(&own_sphere_light()));
+    let stage = stage.unwrap_or_else(|| PanelRenderer::of(&builtin_sphere_light()));
     let mut model = view.render(&subject.coloured(subject.table), &stage);
     // A known light has its own scale; an estimated light has the scale of the photograph.
     if subject.light.is_none() {

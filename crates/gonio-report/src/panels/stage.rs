@@ -11,8 +11,8 @@ use gonio::shape::{SurfacePoint, Visibility};
 use rayon::prelude::*;
 
 use super::PANEL;
-use super::gloss::{Gloss, degree, split};
-use super::half_light::{HalfLight, LEVELS, spline};
+use super::gloss::{NarrowLobe, degree, split};
+use super::half_light::{HalfVectorLight, LEVELS, spline};
 
 /// Radius of a sphere in a panel, in pixels.
 pub(super) const RADIUS: f64 = 0.5 * PANEL as f64 - 2.0;
@@ -20,7 +20,7 @@ pub(super) const RADIUS: f64 = 0.5 * PANEL as f64 - 2.0;
 /// Sine of 80 degrees, the largest angle of the normals of a sphere. The rim beyond it has the
 /// normal at this angle, because such normals are not observed and the part of an estimated light
 /// that only they reflect is unconstrained.
-const RIM: f64 = 0.985;
+const MAX_SINE: f64 = 0.985;
 
 /// Rows of the light for smooth lobes.
 const SMOOTH_ROWS: usize = 64;
@@ -34,15 +34,15 @@ const DOME_STEP: f32 = 3.5 * PI / 180.0;
 pub(super) const APART: usize = 4;
 
 /// A light, prepared for rendering materials.
-pub(crate) struct Stage {
-    sharp: HalfLight,
+pub(crate) struct PanelRenderer {
+    sharp: HalfVectorLight,
     smooth: PrefilteredLight,
 }
 
-impl Stage {
+impl PanelRenderer {
     pub(crate) fn of(light: &EnvironmentMap) -> Self {
         let smooth = || PrefilteredLight::of(&LightTree::of_map(&light.reduced(SMOOTH_ROWS)));
-        let (sharp, smooth) = rayon::join(|| HalfLight::of(light), smooth);
+        let (sharp, smooth) = rayon::join(|| HalfVectorLight::of(light), smooth);
         Self { sharp, smooth }
     }
 
@@ -55,7 +55,7 @@ impl Stage {
             let mut rest = vec![Vec3A::ZERO; count];
             for (column, out) in colours.chunks_exact_mut(count).enumerate() {
                 let (x, y) = (column as f64 + 0.5 - centre, centre - row as f64 - 0.5);
-                let scale = 1.0 / RADIUS.max(x.hypot(y) / RIM);
+                let scale = 1.0 / RADIUS.max(x.hypot(y) / MAX_SINE);
                 let (a, b) = (x * scale, y * scale);
                 let normal = DVec3::new(a, b, (1.0 - a * a - b * b).sqrt()).as_vec3();
                 if cover(row, column) > 0.0 {
@@ -107,8 +107,8 @@ fn cover(row: usize, column: usize) -> f32 {
 
 /// Materials in a light.
 struct Lit<'a> {
-    stage: &'a Stage,
-    glosses: Vec<Gloss>,
+    stage: &'a PanelRenderer,
+    glosses: Vec<NarrowLobe>,
     rest: HalfVectorSampler,
     /// Radiance of the smooth lobes on the grid of normals, in which the distance from the centre
     /// is the angle to the camera. The values of all materials at a point are contiguous.
@@ -116,8 +116,8 @@ struct Lit<'a> {
 }
 
 impl<'a> Lit<'a> {
-    fn of(stage: &'a Stage, materials: &[[BivariateTable; 3]]) -> Self {
-        let (glosses, rest): (Vec<Gloss>, Vec<[BivariateTable; 3]>) =
+    fn of(stage: &'a PanelRenderer, materials: &[[BivariateTable; 3]]) -> Self {
+        let (glosses, rest): (Vec<NarrowLobe>, Vec<[BivariateTable; 3]>) =
             materials.iter().map(|tables| split(tables, RADIUS.recip() as f32)).unzip();
         let brdfs: Vec<&dyn Brdf> = rest.iter().map(|tables| tables as &dyn Brdf).collect();
         let lobe = HalfVectorSampler::new(&brdfs, &stage.smooth, SamplerSettings::FINE);
@@ -229,7 +229,7 @@ mod tests {
         for (light, width) in [(dark_studio(128), 0.4), (dark_studio(128), 0.1), (sky_light(128), 0.15)] {
             let table = BivariateTable::from_fn(|h, d| 0.05 + 0.1 * d + 1.0 / (1.0 + (h / width).powi(2)).powi(3));
             let tables = [table.clone(), table.scaled(0.5), table.clone()];
-            let got = Stage::of(&light).spheres(std::slice::from_ref(&tables)).remove(0);
+            let got = PanelRenderer::of(&light).spheres(std::slice::from_ref(&tables)).remove(0);
             let tree = LightTree::of_map(&light);
             let mut off: Vec<f32> = (0..100)
                 .filter_map(|i| {

@@ -13,7 +13,7 @@ const SHADE: f32 = 0.2;
 
 /// Reason for ignoring pixels.
 #[derive(Clone, Copy)]
-pub struct Mark {
+pub struct IgnoreReason {
     /// Name in a few words.
     pub label: &'static str,
     /// Colour of the pixels in the picture, linear.
@@ -21,7 +21,7 @@ pub struct Mark {
     statuses: &'static [PixelStatus],
 }
 
-impl Mark {
+impl IgnoreReason {
     /// Whether the reason covers this status.
     pub fn marks(&self, status: PixelStatus) -> bool {
         self.statuses.contains(&status)
@@ -30,18 +30,26 @@ impl Mark {
 
 /// All reasons except being outside the object. If several pixels of the photograph share a pixel
 /// of the picture, the picture shows the first reason that occurs.
-pub const MARKS: [Mark; 7] = [
-    Mark {
+pub const IGNORE_REASONS: [IgnoreReason; 7] = [
+    IgnoreReason {
         label: "negative, NaN or infinite",
         colour: Vec3::new(0.9, 0.02, 0.6),
         statuses: &[PixelStatus::Negative, PixelStatus::NotFinite],
     },
-    Mark { label: "outlier (hot, dead)", colour: Vec3::new(0.02, 0.75, 0.8), statuses: &[PixelStatus::Outlier] },
-    Mark { label: "dark speck", colour: Vec3::new(0.05, 0.7, 0.1), statuses: &[PixelStatus::Speck] },
-    Mark { label: "clipped", colour: Vec3::new(0.95, 0.08, 0.05), statuses: &[PixelStatus::Clipped] },
-    Mark { label: "another colour", colour: Vec3::new(0.03, 0.22, 0.95), statuses: &[PixelStatus::OtherColour] },
-    Mark { label: "at an edge", colour: Vec3::new(0.85, 0.55, 0.02), statuses: &[PixelStatus::Edge] },
-    Mark { label: "no valid normal", colour: Vec3::new(0.3, 0.3, 0.3), statuses: &[PixelStatus::NoNormal] },
+    IgnoreReason {
+        label: "outlier (hot, dead)",
+        colour: Vec3::new(0.02, 0.75, 0.8),
+        statuses: &[PixelStatus::Outlier],
+    },
+    IgnoreReason { label: "dark speck", colour: Vec3::new(0.05, 0.7, 0.1), statuses: &[PixelStatus::Speck] },
+    IgnoreReason { label: "clipped", colour: Vec3::new(0.95, 0.08, 0.05), statuses: &[PixelStatus::Clipped] },
+    IgnoreReason {
+        label: "another colour",
+        colour: Vec3::new(0.03, 0.22, 0.95),
+        statuses: &[PixelStatus::OtherColour],
+    },
+    IgnoreReason { label: "at an edge", colour: Vec3::new(0.85, 0.55, 0.02), statuses: &[PixelStatus::Edge] },
+    IgnoreReason { label: "no valid normal", colour: Vec3::new(0.3, 0.3, 0.3), statuses: &[PixelStatus::NoNormal] },
 ];
 
 /// Draws the photograph with marks on ignored pixels, dark outside of the used pixels. Returns
@@ -51,7 +59,7 @@ pub(super) fn draw(subject: &Subject<'_>, view: &View<'_>, photograph: &Plane<Ve
     let side = PANEL;
     Some(Plane::from_fn(side, side, |x, y| {
         let found = || view.behind(x, y, side, statuses.size()).map(|at| statuses[at]);
-        if let Some(mark) = MARKS.iter().find(|mark| found().any(|status| mark.marks(status))) {
+        if let Some(mark) = IGNORE_REASONS.iter().find(|mark| found().any(|status| mark.marks(status))) {
             return mark.colour;
         }
         let used = found().any(|status| status == PixelStatus::Used);
@@ -60,9 +68,9 @@ pub(super) fn draw(subject: &Subject<'_>, view: &View<'_>, photograph: &Plane<Ve
 }
 
 /// Lists the reasons that occur, each with its number of pixels.
-pub fn reasons(statuses: &Plane<PixelStatus>) -> Vec<(Mark, usize)> {
-    let count = |mark: &Mark| statuses.as_slice().iter().filter(|status| mark.marks(**status)).count();
-    MARKS.iter().map(|mark| (*mark, count(mark))).filter(|(_, count)| *count > 0).collect()
+pub fn reasons(statuses: &Plane<PixelStatus>) -> Vec<(IgnoreReason, usize)> {
+    let count = |mark: &IgnoreReason| statuses.as_slice().iter().filter(|status| mark.marks(**status)).count();
+    IGNORE_REASONS.iter().map(|mark| (*mark, count(mark))).filter(|(_, count)| *count > 0).collect()
 }
 
 /// Adds a legend of the colours to the picture.
@@ -74,6 +82,6 @@ pub fn with_legend(picture: &Plane<Vec3>, statuses: &Plane<PixelStatus>) -> Plan
 
 /// Returns the colours and lines of the legend: the reasons that occur, with numbers of pixels.
 pub(crate) fn legend(statuses: &Plane<PixelStatus>) -> Vec<(Vec3, String)> {
-    let line = |(mark, count): (Mark, usize)| (mark.colour, format!("{}: {count} pixels", mark.label));
+    let line = |(mark, count): (IgnoreReason, usize)| (mark.colour, format!("{}: {count} pixels", mark.label));
     reasons(statuses).into_iter().map(line).collect()
 }

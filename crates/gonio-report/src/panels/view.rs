@@ -9,7 +9,7 @@ use gonio::shape::{PosedSurface, Viewpoint, Visibility, hit_at, view_at};
 use gonio::sphere::OctahedralMap;
 use rayon::prelude::*;
 
-use super::stage::{APART, RADIUS, Stage};
+use super::stage::{APART, PanelRenderer, RADIUS};
 use super::{PANEL, Subject};
 
 /// Texels along a side of the grid on which self-shadowing is computed for the pictures.
@@ -183,7 +183,7 @@ impl<'a> View<'a> {
             });
             // A missing point has a zero normal, so no rays are traced.
             hit.map_or(Viewpoint { from: DVec3::ZERO, normal: DVec3::ZERO }, |h| Viewpoint {
-                from: h.clear,
+                from: h.ray_origin,
                 normal: h.normal,
             })
         };
@@ -192,7 +192,7 @@ impl<'a> View<'a> {
     }
 
     /// Renders the object with this material in the frame.
-    pub(crate) fn render(&self, material: &[BivariateTable; 3], stage: &Stage) -> Picture {
+    pub(crate) fn render(&self, material: &[BivariateTable; 3], stage: &PanelRenderer) -> Picture {
         match self {
             Self::Sphere(..) => stage.spheres(std::slice::from_ref(material)).remove(0),
             Self::Normals(normals, _, _, placed) => {

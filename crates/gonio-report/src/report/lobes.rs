@@ -10,7 +10,7 @@ const RADIUS: f64 = 140.0;
 /// Height of the surface in the drawing.
 const FOOT: f64 = 168.0;
 /// Degrees between the points of a curve, and the largest angle; the table is unreliable beyond it.
-const STEP: f64 = 0.25;
+const CURVE_STEP: f64 = 0.25;
 const LAST_DEGREE: f64 = 80.0;
 
 /// Draws a lobe for light at `incidence` degrees from the normal. The distance from the centre is
@@ -71,8 +71,8 @@ pub(super) fn lobe(
 /// Samples the BRDF in the plane of incidence at angles from the normal, in degrees; light comes
 /// from `-incidence`, so a mirror has its peak at `incidence`.
 pub(super) fn curve(table: &BivariateTable, incidence: f64) -> Vec<(f64, f64)> {
-    let count = (2.0 * LAST_DEGREE / STEP) as usize;
-    let angles = (0..=count).map(|i| i as f64 * STEP - LAST_DEGREE);
+    let count = (2.0 * LAST_DEGREE / CURVE_STEP) as usize;
+    let angles = (0..=count).map(|i| i as f64 * CURVE_STEP - LAST_DEGREE);
     angles
         .map(|angle| {
             let half = 0.5 * (angle - incidence).abs();

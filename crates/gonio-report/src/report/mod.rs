@@ -9,8 +9,8 @@ pub mod sphere;
 use glam::Vec3;
 use gonio::estimate::{Material, WIDE};
 use gonio::scene::ObservationReport;
+use gonio_io::result::{Colour, GlossUnits, Quantiles, ResultDocument, UncertainColour};
 use maud::{Markup, PreEscaped, html};
-use serde_json::Value;
 
 use crate::page::{Document, Section, figure, table};
 use crate::panels::{PANEL, Panels, Subject, resolution, used};
@@ -44,8 +44,8 @@ pub struct Report<'a> {
     pub fits: &'a Fits,
     /// Warnings to the user, one line each.
     pub warnings: &'a [String],
-    /// Content of `result.json`. The page omits numbers that are missing.
-    pub result: &'a Value,
+    /// Content of `result.json`. The page omits sections that are missing.
+    pub result: &'a ResultDocument,
 }
 
 impl Report<'_> {
@@ -53,7 +53,7 @@ impl Report<'_> {
     pub fn render(&self) -> String {
         let section = |id: &str, title: &str, body: Markup| Section { id: id.into(), title: title.into(), body };
         let mut sections = vec![
-            section("photograph", "Photograph and estimated light", self.photograph()),
+            section("photograph", "Photograph and light", self.photograph()),
             section("reflectance", "BRDF", reflectance::section(self.subject, self.panels)),
         ];
         if let Some(material) = self.subject.material {
@@ -91,7 +91,8 @@ impl Report<'_> {
     /// States whether the light was known, and the scale of the BRDF.
     fn about(&self) -> Markup {
         if self.subject.known_light.is_none() {
-            let albedo = self.result["reference"]["scale"]["normal_albedo"].as_f64();
+            let scale = self.result.reference.as_ref().and_then(|reference| reference.scale);
+            let albedo = scale.map(|scale| scale.normal_albedo);
             return html! {
                 p.note {
                     "BRDF of an object, estimated from one photograph under unknown light. "
@@ -103,8 +104,8 @@ impl Report<'_> {
                 }
             };
         }
-        let albedo = self.result["exposure"]["albedo"].as_f64();
-        let absolute = self.result["reflectance"]["absolute"].as_bool() == Some(true);
+        let albedo = self.result.exposure.and_then(|exposure| exposure.albedo);
+        let absolute = self.result.reflectance.absolute;
         html! {
             p.note {
                 "BRDF of an object, estimated from one photograph under a known light. "
@@ -148,7 +149,7 @@ impl Report<'_> {
                     }
                     @match self.subject.material {
                         Some(material) => { (facts(material, self.result)) }
-                        None => { dl.facts { (colours(self.result)) } }
+                        None => { dl.facts { (colours(&self.result.colour)) } }
                     }
                 }
             }
@@ -157,9 +158,9 @@ impl Report<'_> {
 
     /// Shows misfit and scatter, if known.
     fn verdict(&self) -> Markup {
-        let misfit = self.result["noise"]["misfit"].as_f64().or(self.result["noise"]["relative"].as_f64());
+        let residual = self.result.residual;
         let scatter = self.subject.material.map(|material| material.scatter).filter(|scatter| *scatter > 0.0);
-        verdict(misfit, self.result["noise"]["expected"].as_f64(), scatter)
+        verdict(residual.map(|residual| residual.misfit), residual.and_then(|residual| residual.expected), scatter)
     }
 
     fn photograph(&self) -> Markup {
@@ -198,12 +199,10 @@ impl Report<'_> {
     /// Returns posterior variance / (posterior variance + squared mean), each summed over all light
     /// coefficients but the mean; `None` if the method does not estimate it.
     fn uncertain(&self) -> Option<f64> {
-        let squares = |name: &str| -> Option<f64> {
-            // The first coefficient is the mean.
-            let values = self.result["light"][name].as_array()?.iter().skip(1);
-            Some(values.filter_map(Value::as_f64).map(|v| v * v).sum())
-        };
-        let (mean, variance) = (squares("coefficients")?, squares("sd")?);
+        let light = self.result.light.as_ref()?;
+        // The first coefficient is the mean.
+        let squares = |values: &[f64]| values.iter().skip(1).map(|v| v * v).sum::<f64>();
+        let (mean, variance) = (squares(&light.coefficients), squares(&light.sd));
         (variance > 0.0).then(|| variance / (mean + variance))
     }
 
@@ -255,14 +254,15 @@ impl Report<'_> {
                 "If they look different, the photograph does not determine the material."
             }))
             (figure::figure(&figure::tiles(&draws), &html! {
-                "Five draws from the posterior, in the same order and light: materials that agree with the photograph."
+                "Five materials drawn from the posterior, from dull to glossy, in the same light. All of them agree with the \
+                 photograph."
             }))
             (figure::grid(22, &[
                 figure::figure(&svg(&[&width(material)], false, "Map of the width of the 90 % interval over half and difference angle"),
                     &html! {
                         "Width of the 90 % interval in each cell, as the ratio of its ends. "
                         (format!("It exceeds a factor of {WIDE} in {} of the cells below 80°. ", percent(material.wider_than(WIDE))))
-                        (format!("The photograph does not determine the hatched cells ({} of the cells below 80°). ", percent(material.open)))
+                        (format!("The photograph does not determine the hatched cells ({} of the cells below 80°). ", percent(material.undetermined_share)))
                         "All cells above 80° are hatched, too."
                     }),
                 html! { div { @if !rows.is_empty() {
@@ -275,20 +275,16 @@ impl Report<'_> {
 
     fn making(&self) -> Markup {
         let result = self.result;
-        let words = |value: &Value| value.as_str().map(str::to_owned).unwrap_or_else(|| value.to_string());
         let mut rows: Vec<Vec<String>> = [
-            ("method", &result["method"]),
-            ("light grid (texels per side)", &result["settings"]["grid"]),
-            ("gonio", &result["gonio"]),
-            ("model", &result["model"]["provenance"]),
+            ("method", Some(result.method.clone())),
+            ("light grid (texels per side)", result.settings.grid.map(|side| side.to_string())),
+            ("gonio", Some(result.gonio.clone())),
+            ("model", Some(result.model.provenance.clone())),
         ]
         .into_iter()
-        .filter(|(_, value)| !value.is_null())
-        .map(|(name, value)| vec![name.to_owned(), words(value)])
+        .filter_map(|(name, value)| Some(vec![name.to_owned(), value?]))
         .collect();
-        let seconds = result["seconds"].as_object().into_iter().flatten();
-        let stages: Vec<String> =
-            seconds.filter_map(|(stage, s)| Some(format!("{stage} {:.1}", s.as_f64()?))).collect();
+        let stages: Vec<String> = result.seconds.iter().map(|(stage, s)| format!("{stage} {s:.1}")).collect();
         if !stages.is_empty() {
             rows.push(vec!["seconds".into(), stages.join(", ")]);
         }
@@ -339,7 +335,7 @@ fn warnings(lines: &[String]) -> Markup {
 }
 
 /// Summarises the estimate in words.
-fn facts(material: &Material, result: &Value) -> Markup {
+fn facts(material: &Material, result: &ResultDocument) -> Markup {
     let nearest = material.neighbours.first();
     let interval = |[low, median, high]: [f64; 3]| {
         html! { strong { (short(median)) } ", 90 % interval " (short(low)) " to " (short(high)) }
@@ -354,10 +350,12 @@ fn facts(material: &Material, result: &Value) -> Markup {
                 dt { "GGX alpha" }
                 dd { (interval(material.highlight.alpha)) span.note { " (square of the roughness)" } }
             }
-            (units(&result["posterior"]["gloss"]["units"], result["reflectance"]["absolute"].as_bool() == Some(true)))
+            @if let Some(units) = result.posterior.as_ref().and_then(|posterior| posterior.highlight.gloss_units) {
+                (gloss_units(units, result.reflectance.absolute))
+            }
             div {
-                dt { "peak to body" }
-                dd { (interval(material.gloss)) span.note { (SCALE) } }
+                dt { "peak height" }
+                dd { (interval(material.peak_to_body)) span.note { (SCALE) } }
             }
             div {
                 dt { "uncertainty" }
@@ -365,40 +363,39 @@ fn facts(material: &Material, result: &Value) -> Markup {
                     "cells with a 90 % interval wider than a factor of " (WIDE) ": "
                     strong { (percent(material.wider_than(WIDE))) }
                     "; cells that the photograph does not determine: "
-                    strong { (percent(material.open)) }
+                    strong { (percent(material.undetermined_share)) }
                 }
             }
-            (colours(result))
+            (colours(&result.colour))
             @if let Some(nearest) = nearest {
-                div { dt { "most similar highlight" } dd { (nearest.name) " (weight " (percent(nearest.weight)) " among the measured materials)"
-                    span.note { " (similar in the lobe, regardless of colour)" } } }
+                div { dt { "most similar measured material" } dd { (nearest.name) " (weight " (percent(nearest.weight)) " among the measured materials)"
+                    span.note { " (similar highlight, regardless of colour)" } } }
             }
         }
     }
 }
 
 /// Shows the colours of body and highlight with copy buttons, each with a strip of its posterior.
-fn colours(result: &Value) -> Markup {
+fn colours(colour: &Colour) -> Markup {
     html! {
-        @for (name, part) in [("body colour", "body"), ("highlight colour", "highlight")] {
-            @if let Some(rgb) = linear(&result["colour"][part]["rgb"]) {
-                @let [r, g, b] = codes(&rgb);
-                @let hex = hex(&rgb);
+        @for (name, part, found) in [("body colour", "body", &colour.body), ("highlight colour", "highlight", &colour.highlight)] {
+            @if let Some(UncertainColour { rgb, quantile_colours, .. }) = found {
+                @let [r, g, b] = codes(rgb);
+                @let hex = hex(rgb);
                 div {
                     dt { (name) }
                     dd.hex {
                         span.swatch style={ "background: " (hex) } {} " "
                         code id={ "colour-" (part) } { (hex) } " "
                         button type="button" data-copy={ "colour-" (part) } aria-label={ "Copy " (name) } { "Copy" }
-                        @let strip: Vec<Vec<f64>> = result["colour"][part]["strip"].as_array().into_iter().flatten().filter_map(linear).collect();
-                        @if !strip.is_empty() {
+                        @if !quantile_colours.is_empty() {
                             span.strip role="img" aria-label={ "The " (name) " from 5 to 95 % of its posterior" } {
-                                @for rgb in &strip { span style={ "background: " (self::hex(rgb)) } {} }
+                                @for rgb in quantile_colours { span style={ "background: " (self::hex(rgb)) } {} }
                             }
                             " "
                         }
                         span.note {
-                            @if !strip.is_empty() { "5 to 95 % of the posterior;" }
+                            @if !quantile_colours.is_empty() { "5 to 95 % of the posterior;" }
                             " sRGB " (r) ", " (g) ", " (b) " at 70 % brightness; linear, scaled to a luminance of one: "
                             (rgb.iter().map(|x| format!("{x:.2}")).collect::<Vec<_>>().join(", "))
                         }
@@ -409,28 +406,26 @@ fn colours(result: &Value) -> Markup {
     }
 }
 
-/// Description of the scale of the gloss.
-const SCALE: &str = " (about 1 for chalk, tens for satin paint, thousands for polished \
+/// Description of the scale of the ratio.
+const SCALE: &str = " (relative to the body: about 1 for chalk, tens for satin paint, thousands for polished \
     metal, above 100,000 for a mirror)";
 
-/// Shows gloss units with the albedo for which they hold, if known.
-fn units(units: &Value, absolute: bool) -> Markup {
-    let albedo = units["albedo"].as_f64();
+/// Shows gloss units with the albedo for which they hold.
+fn gloss_units(units: GlossUnits, absolute: bool) -> Markup {
+    let GlossUnits { albedo, at_20, at_60 } = units;
     html! {
-        @if let (Some(at_20), Some(at_60), Some(albedo)) = (three(&units["20"]), three(&units["60"]), albedo) {
-            div {
-                dt { "gloss units" }
-                dd {
-                    @for (i, (angle, [low, median, high])) in [("20°", at_20), ("60°", at_60)].into_iter().enumerate() {
-                        @if i > 0 { "; " }
-                        (angle) ": " strong { (short(median)) } " (" (short(low)) " to " (short(high)) ")"
-                    }
-                    span.note {
-                        " (ASTM D523, black glass has 100; "
-                        @if absolute { "for the estimated albedo of " (short(albedo)) ")" }
-                        @else { "proportional to the albedo at normal incidence, which the photograph does not \
-                            determine; here for an albedo of " (albedo) ")" }
-                    }
+        div {
+            dt { "gloss units" }
+            dd {
+                @for (i, (angle, Quantiles { low, median, high })) in [("20°", at_20), ("60°", at_60)].into_iter().enumerate() {
+                    @if i > 0 { "; " }
+                    (angle) ": " strong { (short(median)) } " (" (short(low)) " to " (short(high)) ")"
+                }
+                span.note {
+                    " (ASTM D523, black glass has 100; "
+                    @if absolute { "for the estimated albedo of " (short(albedo)) ")" }
+                    @else { "proportional to the albedo at normal incidence, which the photograph does not \
+                        determine; here for an albedo of " (albedo) ")" }
                 }
             }
         }
@@ -458,19 +453,8 @@ fn counts(report: &ObservationReport) -> Markup {
     table::table("Used and ignored pixels", &["kind", "number"], &rows)
 }
 
-/// Reads the 5, 50 and 95 % quantiles of a number in `result.json`.
-pub(crate) fn three(quantiles: &Value) -> Option<[f64; 3]> {
-    let at = |share: &str| quantiles[share].as_f64();
-    Some([at("5")?, at("50")?, at("95")?])
-}
-
-/// Reads a linear colour in `result.json`.
-pub(crate) fn linear(rgb: &Value) -> Option<Vec<f64>> {
-    rgb.as_array()?.iter().map(Value::as_f64).collect()
-}
-
 /// Formats the sRGB codes from [`codes`] in hexadecimal.
-pub(crate) fn hex(rgb: &[f64]) -> String {
+pub(crate) fn hex(rgb: &[f64; 3]) -> String {
     let [r, g, b] = codes(rgb);
     format!("#{r:02x}{g:02x}{b:02x}")
 }
@@ -495,10 +479,10 @@ pub(crate) fn short(value: f64) -> String {
 }
 
 /// Returns the sRGB codes of a linear colour, scaled to 70 % in its largest channel.
-fn codes(rgb: &[f64]) -> [u8; 3] {
+fn codes(rgb: &[f64; 3]) -> [u8; 3] {
     let top = rgb.iter().copied().fold(1e-9, f64::max);
-    [0, 1, 2].map(|c| {
-        let value = rgb.get(c).map_or(0.0, |x| (0.7 * x / top).clamp(0.0, 1.0));
+    rgb.map(|x| {
+        let value = (0.7 * x / top).clamp(0.0, 1.0);
         (255.0 * gonio::picture::srgb_encode(value as f32)).round() as u8
     })
 }
@@ -516,7 +500,14 @@ mod tests {
     #[test]
     fn colours_are_valid_in_a_style() {
         assert_eq!(codes(&[1.0, 0.0, 0.0]), [218, 0, 0]);
-        let page = colours(&serde_json::json!({ "colour": { "body": { "rgb": [1.0, 0.0, 0.0] } } })).into_string();
+        let red = UncertainColour {
+            rgb: [1.0, 0.0, 0.0],
+            log_chroma: [0.0; 2],
+            interval_90: None,
+            log_chroma_sd: None,
+            quantile_colours: Vec::new(),
+        };
+        let page = colours(&Colour { body: Some(red), ..Colour::default() }).into_string();
         assert!(
             page.contains("#da0000") && page.contains("data-copy=\"colour-body\"") && !page.contains("highlight"),
             "{page}"

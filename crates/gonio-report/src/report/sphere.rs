@@ -7,7 +7,7 @@ use gonio::reflectance::{BivariateTable, CELLS};
 use serde_json::{Value, json};
 
 use super::packed::packed;
-use crate::panels::{Subject, own_lights};
+use crate::panels::{Subject, builtin_lights};
 
 /// Rows of the lights. More rows would hardly change the sphere, but enlarge the page.
 const ROWS: usize = 64;
@@ -21,7 +21,7 @@ pub(super) fn data(subject: &Subject<'_>) -> String {
             names.into_iter().zip(&found.ends.tables).map(|(name, end)| material(name, &subject.coloured(end))),
         );
     }
-    let mut lights: Vec<Value> = own_lights(ROWS).iter().map(|(name, map)| light(name, map.radiance())).collect();
+    let mut lights: Vec<Value> = builtin_lights(ROWS).iter().map(|(name, map)| light(name, map.radiance())).collect();
     let seen = match (subject.light, subject.known_light) {
         (Some(grid), _) => Some(("estimated light", lit(grid))),
         (None, Some(map)) => Some(("known light", shrunk(map.radiance()))),

@@ -6,7 +6,7 @@ use super::{DIFFERENCE, DIFFERENCE_TICKS, HALF, HALF_TICKS, Map, STOPS, across, 
 use crate::page::figure::source;
 
 /// Side of a map in units of the drawing, and the margins around it.
-const SIDE: f64 = 360.0;
+const MAP_SIDE: f64 = 360.0;
 const LEFT: f64 = 46.0;
 const RIGHT: f64 = 76.0;
 const TOP: f64 = 26.0;
@@ -18,7 +18,7 @@ const STYLE: &str =
 /// Draws maps side by side as SVG in the text colour of the page. If `alone`, the SVG contains its
 /// own style, for a separate file. `alt` describes it in words.
 pub fn svg(maps: &[&Map], alone: bool, alt: &str) -> Markup {
-    let (wide, high) = (LEFT + SIDE + RIGHT, TOP + SIDE + BOTTOM);
+    let (wide, high) = (LEFT + MAP_SIDE + RIGHT, TOP + MAP_SIDE + BOTTOM);
     html! {
         svg.map xmlns="http://www.w3.org/2000/svg" viewBox={ "0 0 " (wide * maps.len() as f64) " " (high) } role="img" aria-label=(alt) {
             @if alone { style { (STYLE) } }
@@ -32,26 +32,26 @@ pub fn svg(maps: &[&Map], alone: bool, alt: &str) -> Markup {
 fn one(map: &Map) -> Markup {
     let gradient = format!("scale-{}", map.id);
     let last = (STOPS.len() - 1) as f64;
-    let bar = LEFT + SIDE + 14.0;
+    let bar = LEFT + MAP_SIDE + 14.0;
     html! {
         text x=(LEFT) y="14" fill="currentColor" font-weight="600" { (map.title) }
-        image href=(source(&map.pixels)) x=(LEFT) y=(TOP) width=(SIDE) height=(SIDE) {}
+        image href=(source(&map.pixels)) x=(LEFT) y=(TOP) width=(MAP_SIDE) height=(MAP_SIDE) {}
         g stroke="currentColor" {
-            @for degrees in HALF_TICKS { (tick(LEFT + SIDE * across(degrees), TOP + SIDE, 0.0, 5.0)) }
-            @for degrees in DIFFERENCE_TICKS { (tick(LEFT, TOP + SIDE * down(degrees), -5.0, 0.0)) }
-            @for value in map.scale.ticks() { (tick(bar + 14.0, TOP + SIDE * (1.0 - map.scale.at(value)), 4.0, 0.0)) }
+            @for degrees in HALF_TICKS { (tick(LEFT + MAP_SIDE * across(degrees), TOP + MAP_SIDE, 0.0, 5.0)) }
+            @for degrees in DIFFERENCE_TICKS { (tick(LEFT, TOP + MAP_SIDE * down(degrees), -5.0, 0.0)) }
+            @for value in map.scale.ticks() { (tick(bar + 14.0, TOP + MAP_SIDE * (1.0 - map.scale.at(value)), 4.0, 0.0)) }
         }
         g fill="currentColor" {
             g text-anchor="middle" {
-                @for degrees in HALF_TICKS { (label(LEFT + SIDE * across(degrees), TOP + SIDE + 19.0, &format!("{degrees:.0}"))) }
-                (label(LEFT + 0.5 * SIDE, TOP + SIDE + 40.0, HALF))
-                text transform={ "translate(12 " (TOP + 0.5 * SIDE) ") rotate(-90)" } { (DIFFERENCE) }
+                @for degrees in HALF_TICKS { (label(LEFT + MAP_SIDE * across(degrees), TOP + MAP_SIDE + 19.0, &format!("{degrees:.0}"))) }
+                (label(LEFT + 0.5 * MAP_SIDE, TOP + MAP_SIDE + 40.0, HALF))
+                text transform={ "translate(12 " (TOP + 0.5 * MAP_SIDE) ") rotate(-90)" } { (DIFFERENCE) }
             }
             g text-anchor="end" {
-                @for degrees in DIFFERENCE_TICKS { (label(LEFT - 8.0, TOP + SIDE * down(degrees) + 4.5, &format!("{degrees:.0}"))) }
+                @for degrees in DIFFERENCE_TICKS { (label(LEFT - 8.0, TOP + MAP_SIDE * down(degrees) + 4.5, &format!("{degrees:.0}"))) }
             }
             @for value in map.scale.ticks() {
-                (label(bar + 21.0, TOP + SIDE * (1.0 - map.scale.at(value)) + 4.5, &number(value)))
+                (label(bar + 21.0, TOP + MAP_SIDE * (1.0 - map.scale.at(value)) + 4.5, &number(value)))
             }
         }
         linearGradient id=(gradient) x1="0" y1="1" x2="0" y2="0" {
@@ -59,7 +59,7 @@ fn one(map: &Map) -> Markup {
                 stop offset=(i as f64 / last) stop-color={ "rgb(" (r) "," (g) "," (b) ")" } {}
             }
         }
-        rect x=(bar) y=(TOP) width="14" height=(SIDE) fill={ "url(#" (gradient) ")" } {}
+        rect x=(bar) y=(TOP) width="14" height=(MAP_SIDE) fill={ "url(#" (gradient) ")" } {}
     }
 }
 

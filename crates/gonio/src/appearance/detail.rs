@@ -5,7 +5,7 @@
 //! neighbouring cells. It is invariant to rotations; with texture, its level follows from the
 //! scatter.
 
-use super::disk::{SIDE, on_disk};
+use super::disk::{DISK_SIDE, on_disk};
 
 /// Computes the root mean square distance of the quarters of each cell from a plane.
 ///
@@ -31,12 +31,12 @@ pub(crate) fn details(
         let quarters = quarters(cell).filter(|_| on_disk(cell))?;
         let mean = 0.25 * quarters.iter().sum::<f32>();
         // The centre of a quarter is a quarter of a cell from the centre of the cell.
-        let (x, y) = (0.25 * slope(cell, 1), 0.25 * slope(cell, SIDE));
+        let (x, y) = (0.25 * slope(cell, 1), 0.25 * slope(cell, DISK_SIDE));
         let plane = [-x - y, x - y, y - x, x + y];
         let squares = quarters.iter().zip(plane).map(|(q, p)| (q - mean - p).powi(2));
         Some((0.25 * squares.sum::<f32>()).sqrt())
     };
-    (0..SIDE * SIDE).map(detail).collect()
+    (0..DISK_SIDE * DISK_SIDE).map(detail).collect()
 }
 
 #[cfg(test)]
@@ -46,12 +46,12 @@ mod tests {
 
     fn of(f: impl Fn(f32, f32) -> f32) -> Vec<Option<f32>> {
         let fine = |cell: usize| quarters(cell).map(|(x, y)| f(x, y));
-        let values: Vec<f32> = (0..SIDE * SIDE).map(|c| 0.25 * fine(c).iter().sum::<f32>()).collect();
-        details(&values, &vec![1.0; SIDE * SIDE], |c| Some(fine(c)))
+        let values: Vec<f32> = (0..DISK_SIDE * DISK_SIDE).map(|c| 0.25 * fine(c).iter().sum::<f32>()).collect();
+        details(&values, &vec![1.0; DISK_SIDE * DISK_SIDE], |c| Some(fine(c)))
     }
 
     fn inner() -> impl Iterator<Item = usize> {
-        (0..SIDE * SIDE).filter(|&c| centre(c).0.hypot(centre(c).1) < 0.9)
+        (0..DISK_SIDE * DISK_SIDE).filter(|&c| centre(c).0.hypot(centre(c).1) < 0.9)
     }
 
     #[test]
@@ -64,7 +64,7 @@ mod tests {
     #[test]
     fn alternating_quarters_are_entirely_detail() {
         // The plane through the cells is flat.
-        let sign = |v: f32| if (((v + 1.0) * SIDE as f32) as usize).is_multiple_of(2) { 1.0 } else { -1.0 };
+        let sign = |v: f32| if (((v + 1.0) * DISK_SIDE as f32) as usize).is_multiple_of(2) { 1.0 } else { -1.0 };
         let board = of(|x, y| 2.0 + 0.3 * sign(x) * sign(-y));
         assert!(inner().all(|c| (board[c].unwrap() - 0.3).abs() < 1e-6));
     }

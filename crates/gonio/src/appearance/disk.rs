@@ -7,7 +7,7 @@ use super::scatter;
 use super::statistics::{STATISTICS, observed, statistics};
 
 /// Cells along each side of the square around the disk.
-pub const SIDE: usize = 128;
+pub const DISK_SIDE: usize = 128;
 
 /// Number of channels of [`DiskImage::write`].
 pub const CHANNELS: usize = 6;
@@ -22,7 +22,7 @@ pub(super) const RIM: f32 = 0.984_807_8;
 pub(super) const BLACK: f32 = 0.003;
 
 /// Smallest relative detail that can be distinguished from none.
-const LEAST_DETAIL: f32 = 0.003;
+const MIN_DETAIL: f32 = 0.003;
 
 /// One observation: its position on the disk, and its brightness.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -74,8 +74,8 @@ pub struct DiskImage {
 
 /// Whether each cell is on the disk. The simulation of a photograph looks up every cell dozens of
 /// times.
-static ON_DISK: [bool; SIDE * SIDE] = {
-    let mut on = [false; SIDE * SIDE];
+static ON_DISK: [bool; DISK_SIDE * DISK_SIDE] = {
+    let mut on = [false; DISK_SIDE * DISK_SIDE];
     let mut cell = 0;
     while cell < on.len() {
         let (x, y) = centre(cell);
@@ -92,12 +92,12 @@ pub fn on_disk(cell: usize) -> bool {
 
 /// Returns the coordinate of the middle of a column.
 const fn place(column: usize) -> f32 {
-    (column as f32 + 0.5) * (2.0 / SIDE as f32) - 1.0
+    (column as f32 + 0.5) * (2.0 / DISK_SIDE as f32) - 1.0
 }
 
 /// Returns the centre `(x, y)` of a cell.
 pub const fn centre(cell: usize) -> (f32, f32) {
-    (place(cell % SIDE), -place(cell / SIDE))
+    (place(cell % DISK_SIDE), -place(cell / DISK_SIDE))
 }
 
 /// Returns the normal at the centre of a cell of the disk.
@@ -110,15 +110,15 @@ pub fn normal(cell: usize) -> Vec3 {
 ///
 /// The order is upper left, upper right, lower left, lower right.
 pub fn quarters(cell: usize) -> [(f32, f32); 4] {
-    let ((x, y), off) = (centre(cell), 0.5 / SIDE as f32);
+    let ((x, y), off) = (centre(cell), 0.5 / DISK_SIDE as f32);
     [(x - off, y + off), (x + off, y + off), (x - off, y - off), (x + off, y - off)]
 }
 
 /// Returns the cell at a position and the quarter within the cell, if they are on the disk.
 fn quarter_of(x: f32, y: f32) -> Option<(usize, usize)> {
-    let place = |v: f32| (((v + 1.0) * SIDE as f32) as usize).min(2 * SIDE - 1);
+    let place = |v: f32| (((v + 1.0) * DISK_SIDE as f32) as usize).min(2 * DISK_SIDE - 1);
     let (column, row) = (place(x), place(-y));
-    let cell = row / 2 * SIDE + column / 2;
+    let cell = row / 2 * DISK_SIDE + column / 2;
     (x * x + y * y <= RIM * RIM && on_disk(cell)).then_some((cell, row % 2 * 2 + column % 2))
 }
 
@@ -142,7 +142,7 @@ impl DiskImage {
 
     /// Builds the image of one value of each observation, without its scatter.
     fn gathered(samples: &[Sample], value: impl Fn(&Sample) -> f32) -> Option<Self> {
-        let mut quarters = vec![[[0.0_f64; 2]; 4]; SIDE * SIDE];
+        let mut quarters = vec![[[0.0_f64; 2]; 4]; DISK_SIDE * DISK_SIDE];
         for sample in samples {
             if let Some((cell, quarter)) = quarter_of(sample.x, sample.y).filter(|_| sample.weight > 0.0) {
                 let (weight, sums) = (f64::from(sample.weight), &mut quarters[cell][quarter]);
@@ -151,9 +151,9 @@ impl DiskImage {
             }
         }
         let total = |cell: usize, k: usize| quarters[cell].iter().map(|q| q[k]).sum::<f64>();
-        let counts: Vec<f32> = (0..SIDE * SIDE).map(|c| total(c, 0) as f32).collect();
+        let counts: Vec<f32> = (0..DISK_SIDE * DISK_SIDE).map(|c| total(c, 0) as f32).collect();
         let mean = |c: usize| if counts[c] > 0.0 { (total(c, 1) / total(c, 0)) as f32 } else { 0.0 };
-        let values: Vec<f32> = (0..SIDE * SIDE).map(mean).collect();
+        let values: Vec<f32> = (0..DISK_SIDE * DISK_SIDE).map(mean).collect();
         if values.iter().all(|v| *v <= 0.0) {
             return None;
         }
@@ -166,7 +166,7 @@ impl DiskImage {
 
     /// Returns the mean of the values over the disk, that is, over the pixels of a distant ball.
     pub fn mean(&self) -> f64 {
-        let cells = (0..SIDE * SIDE).filter(|&cell| on_disk(cell));
+        let cells = (0..DISK_SIDE * DISK_SIDE).filter(|&cell| on_disk(cell));
         let (sum, count) = cells.fold((0.0, 0), |(sum, count), cell| (sum + f64::from(self.values[cell]), count + 1));
         sum / f64::from(count.max(1))
     }
@@ -176,15 +176,15 @@ impl DiskImage {
     /// The values of cells of count zero are interpolated.
     ///
     /// # Panics
-    /// If the number of values, counts or details is not `SIDE * SIDE`.
+    /// If the number of values, counts or details is not `DISK_SIDE * DISK_SIDE`.
     pub fn of_cells(values: Vec<f32>, counts: Vec<f32>, details: Vec<Option<f32>>, scatter: f32) -> Self {
-        assert!(values.len() == SIDE * SIDE && counts.len() == values.len() && details.len() == values.len());
+        assert!(values.len() == DISK_SIDE * DISK_SIDE && counts.len() == values.len() && details.len() == values.len());
         Self { values: filled(values, &counts), counts, details, scatter }
     }
 
     /// Returns the number of cells of the disk.
     pub fn cells() -> usize {
-        (0..SIDE * SIDE).filter(|&c| on_disk(c)).count()
+        (0..DISK_SIDE * DISK_SIDE).filter(|&c| on_disk(c)).count()
     }
 
     /// Returns the share of the disk's cells that are observed, in 0..=1.
@@ -198,15 +198,15 @@ impl DiskImage {
     /// The observations of shapes with shadows or in perspective are sparser than the cells.
     pub fn covered(&self) -> f32 {
         Self::share_of_cells(|cell| {
-            let (column, row) = (cell % SIDE, cell / SIDE);
-            let around = |at: usize| at.saturating_sub(1)..=(at + 1).min(SIDE - 1);
-            around(row).any(|row| around(column).any(|column| self.counts[row * SIDE + column] > 0.0))
+            let (column, row) = (cell % DISK_SIDE, cell / DISK_SIDE);
+            let around = |at: usize| at.saturating_sub(1)..=(at + 1).min(DISK_SIDE - 1);
+            around(row).any(|row| around(column).any(|column| self.counts[row * DISK_SIDE + column] > 0.0))
         })
     }
 
     fn share_of_cells(is_counted: impl Fn(usize) -> bool) -> f32 {
         let (mut counted, mut all) = (0, 0);
-        for cell in (0..SIDE * SIDE).filter(|&c| on_disk(c)) {
+        for cell in (0..DISK_SIDE * DISK_SIDE).filter(|&c| on_disk(c)) {
             all += 1;
             counted += usize::from(is_counted(cell));
         }
@@ -236,18 +236,18 @@ impl DiskImage {
     /// * statistics of brightness and of contrast at several scales (`appearance/statistics.rs`).
     ///
     /// # Panics
-    /// If `channels` does not have `SIDE * SIDE * CHANNELS` values.
+    /// If `channels` does not have `DISK_SIDE * DISK_SIDE * CHANNELS` values.
     pub fn write(&self, channels: &mut [f32]) -> [f32; GLOBALS] {
-        assert_eq!(channels.len(), SIDE * SIDE * CHANNELS);
+        assert_eq!(channels.len(), DISK_SIDE * DISK_SIDE * CHANNELS);
         let mean = mean(&self.values).max(1e-30);
         let (mut total, mut seen, mut largest, mut cells, mut fine) = (0.0, 0.0_f32, 0.0_f32, 0.0_f32, 0.0_f32);
         channels.fill(0.0);
-        for cell in (0..SIDE * SIDE).filter(|&c| on_disk(c)) {
+        for cell in (0..DISK_SIDE * DISK_SIDE).filter(|&c| on_disk(c)) {
             let (value, count) = (self.values[cell], self.counts[cell]);
             let relative = (value / mean).max(0.0);
             let observed = f32::from(u8::from(count > 0.0));
             let error = if count > 0.0 { (self.scatter.powi(2) / count + 1e-6).sqrt().min(1.0) } else { 1.0 };
-            let detail = self.details[cell].map(|d| d / value.max(BLACK * mean) + LEAST_DETAIL);
+            let detail = self.details[cell].map(|d| d / value.max(BLACK * mean) + MIN_DETAIL);
             channels[cell * CHANNELS..][..CHANNELS].copy_from_slice(&[
                 relative.cbrt() - 1.0,
                 0.5 * (relative + BLACK).ln(),
@@ -280,7 +280,7 @@ impl DiskImage {
 
 /// Returns the mean of an image over the disk.
 pub(crate) fn mean(values: &[f32]) -> f32 {
-    let (sum, count) = (0..SIDE * SIDE)
+    let (sum, count) = (0..DISK_SIDE * DISK_SIDE)
         .filter(|&c| on_disk(c))
         .fold((0.0_f64, 0.0_f64), |(sum, count), c| (sum + f64::from(values[c]), count + 1.0));
     (sum / count) as f32
@@ -293,7 +293,7 @@ fn filled(mut values: Vec<f32>, counts: &[f32]) -> Vec<f32> {
     let mut levels: Vec<Vec<[f32; 2]>> = Vec::new();
     let mut current: Vec<[f32; 2]> =
         values.iter().zip(counts).map(|(v, c)| if *c > 0.0 { [*v, 1.0] } else { [0.0, 0.0] }).collect();
-    let mut side = SIDE;
+    let mut side = DISK_SIDE;
     while side > 1 {
         let half = side / 2;
         let mut next = vec![[0.0_f32; 2]; half * half];
@@ -367,18 +367,18 @@ pub(super) mod tests {
     fn cells_contain_the_mean_of_their_observations() {
         let image = DiskImage::gather(&ball(200_000, 0.0)).unwrap();
         assert!(image.observed() > 0.99);
-        for cell in (0..SIDE * SIDE).filter(|&c| on_disk(c)) {
+        for cell in (0..DISK_SIDE * DISK_SIDE).filter(|&c| on_disk(c)) {
             let (x, y) = centre(cell);
             assert!((image.values[cell] - (1.0 + 0.5 * x - 0.3 * y)).abs() < 0.02);
         }
-        assert_eq!(centre(0).1, 1.0 - 1.0 / SIDE as f32);
+        assert_eq!(centre(0).1, 1.0 - 1.0 / DISK_SIDE as f32);
     }
 
     #[test]
     fn fills_gaps_from_their_surroundings() {
         let hole = |s: &Sample| (s.x - 0.2).hypot(s.y + 0.1) > 0.2;
         let image = DiskImage::gather(&ball(100_000, 0.0).into_iter().filter(hole).collect::<Vec<_>>()).unwrap();
-        for cell in (0..SIDE * SIDE).filter(|&c| on_disk(c)) {
+        for cell in (0..DISK_SIDE * DISK_SIDE).filter(|&c| on_disk(c)) {
             let (x, y) = centre(cell);
             let tolerance = if image.counts[cell] > 0.0 { 0.02 } else { 0.1 };
             assert!((image.values[cell] - (1.0 + 0.5 * x - 0.3 * y)).abs() < tolerance, "{x} {y}");
@@ -391,7 +391,8 @@ pub(super) mod tests {
 
     #[test]
     fn images_do_not_depend_on_scale_and_require_light() {
-        let (mut one, mut two) = (vec![0.0; SIDE * SIDE * CHANNELS], vec![0.0; SIDE * SIDE * CHANNELS]);
+        let (mut one, mut two) =
+            (vec![0.0; DISK_SIDE * DISK_SIDE * CHANNELS], vec![0.0; DISK_SIDE * DISK_SIDE * CHANNELS]);
         let samples = ball(50_000, 0.1);
         let bright: Vec<Sample> = samples.iter().map(|s| Sample { value: 70.0 * s.value, ..*s }).collect();
         let (a, b) = (DiskImage::gather(&samples).unwrap(), DiskImage::gather(&bright).unwrap());

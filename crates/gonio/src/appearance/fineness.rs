@@ -1,6 +1,6 @@
 //! Detail of an image that is finer than the texels of a light.
 
-use super::disk::{DiskImage, SIDE};
+use super::disk::{DISK_SIDE, DiskImage};
 
 /// Side of a block in cells: 3.6 degrees of the normal at the centre, over which the mirror
 /// direction turns by about one texel of a light of 32 x 32.
@@ -12,9 +12,9 @@ const BLOCK: usize = 4;
 /// block, relative to that of the image. It holds for any material.
 pub fn fineness(image: &DiskImage) -> f64 {
     let (mut left, mut all) = (0.0, 0.0);
-    for block in 0..(SIDE / BLOCK).pow(2) {
-        let (row, column) = (block / (SIDE / BLOCK) * BLOCK, block % (SIDE / BLOCK) * BLOCK);
-        let cells = (0..BLOCK * BLOCK).map(|i| (row + i / BLOCK) * SIDE + column + i % BLOCK);
+    for block in 0..(DISK_SIDE / BLOCK).pow(2) {
+        let (row, column) = (block / (DISK_SIDE / BLOCK) * BLOCK, block % (DISK_SIDE / BLOCK) * BLOCK);
+        let cells = (0..BLOCK * BLOCK).map(|i| (row + i / BLOCK) * DISK_SIDE + column + i % BLOCK);
         let seen: Vec<f64> =
             cells.filter(|&cell| image.counts[cell] > 0.0).map(|cell| f64::from(image.values[cell])).collect();
         let mean = seen.iter().sum::<f64>() / seen.len().max(1) as f64;
@@ -31,9 +31,9 @@ mod tests {
 
     fn image(value: impl Fn(f32, f32) -> f32) -> DiskImage {
         let at = |cell: usize| if on_disk(cell) { 1.0 } else { 0.0 };
-        let counts: Vec<f32> = (0..SIDE * SIDE).map(at).collect();
-        let values = (0..SIDE * SIDE).map(|cell| at(cell) * value(centre(cell).0, centre(cell).1)).collect();
-        DiskImage::of_cells(values, counts, vec![None; SIDE * SIDE], 0.0)
+        let counts: Vec<f32> = (0..DISK_SIDE * DISK_SIDE).map(at).collect();
+        let values = (0..DISK_SIDE * DISK_SIDE).map(|cell| at(cell) * value(centre(cell).0, centre(cell).1)).collect();
+        DiskImage::of_cells(values, counts, vec![None; DISK_SIDE * DISK_SIDE], 0.0)
     }
 
     #[test]

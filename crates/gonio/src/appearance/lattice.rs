@@ -15,7 +15,7 @@ const MAX_ANGLE: f64 = 80.0;
 
 /// Angle in degrees within which a point belongs to a normal of the lattice: wide enough for one or
 /// two of 10,000 observations.
-const REACH: f64 = 2.0;
+const POINT_RADIUS: f64 = 2.0;
 
 /// Standard normals of the visible hemisphere, in the frame of the view (z towards the camera).
 ///
@@ -63,7 +63,7 @@ impl Lattice {
         assert_eq!(points.len(), weights.len());
         let normals: Vec<DVec3> = points.iter().map(SurfacePoint::in_view).collect();
         let usable: Vec<usize> = (0..points.len()).filter(|&i| weights[i] > 0.0).collect();
-        let reach = REACH.to_radians().powi(2);
+        let reach = POINT_RADIUS.to_radians().powi(2);
         let mut chosen: Vec<usize> = self
             .normals
             .par_iter()

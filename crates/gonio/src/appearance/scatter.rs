@@ -1,12 +1,12 @@
 //! Scatter of pixels that share a normal.
 
-use super::disk::{RIM, SIDE, Sample};
+use super::disk::{DISK_SIDE, RIM, Sample};
 
 /// Smallest number of observations of a patch of cells from which scatter is estimated.
 const PATCH: usize = 6;
 
 /// Smallest scatter: no camera is better.
-const LEAST_SCATTER: f32 = 0.001;
+const MIN_SCATTER: f32 = 0.001;
 
 /// Estimates the relative standard deviation of observations that share a normal.
 ///
@@ -14,7 +14,7 @@ const LEAST_SCATTER: f32 = 0.001;
 /// standard deviation about a plane. The patches have the smallest size at which a quarter of them
 /// have that many observations. Returns `None` if there is no such size.
 pub fn scatter(samples: &[Sample]) -> Option<f32> {
-    for side in [SIDE, SIDE / 2, SIDE / 4, SIDE / 8] {
+    for side in [DISK_SIDE, DISK_SIDE / 2, DISK_SIDE / 4, DISK_SIDE / 8] {
         let mut order: Vec<(u32, u32)> = Vec::with_capacity(samples.len());
         let cells = side as f32 * 0.5;
         for (at, s) in samples.iter().enumerate() {
@@ -32,7 +32,7 @@ pub fn scatter(samples: &[Sample]) -> Option<f32> {
         if variances.len() * 4 >= (0.76 * (side * side) as f32) as usize && !variances.is_empty() {
             let middle = variances.len() / 2;
             let (_, median, _) = variances.select_nth_unstable_by(middle, f32::total_cmp);
-            return Some(median.sqrt().max(LEAST_SCATTER));
+            return Some(median.sqrt().max(MIN_SCATTER));
         }
     }
     None

@@ -9,7 +9,7 @@
 use std::ops::Range;
 use std::sync::LazyLock;
 
-use super::disk::{BLACK, SIDE, on_disk};
+use super::disk::{BLACK, DISK_SIDE, on_disk};
 use crate::transfer::kernels::dispatch;
 
 /// Number of scales, each twice as coarse as the previous one, starting at one cell of the disk.
@@ -80,7 +80,7 @@ struct Grid {
 
 static GRIDS: LazyLock<[Grid; LEVELS]> = LazyLock::new(|| {
     std::array::from_fn(|level| {
-        let side = SIDE >> level;
+        let side = DISK_SIDE >> level;
         let place = |i: usize| (i as f32 + 0.5) * (2.0 / side as f32) - 1.0;
         let centre = |cell: usize| (place(cell % side), place(cell / side));
         let within = |bounds: &[f32], cell: usize| {
@@ -112,7 +112,7 @@ fn weights_of_levels(weights: &[f32]) -> Vec<Weights> {
     let mut own = weights.to_vec();
     (0..LEVELS)
         .map(|level| {
-            let side = SIDE >> level;
+            let side = DISK_SIDE >> level;
             let smooth = smoothed(&own, side);
             let coarse = quartered(&own, side);
             Weights { own: std::mem::replace(&mut own, coarse), smooth }
@@ -330,8 +330,8 @@ mod tests {
     use super::*;
 
     fn of(f: impl Fn(f32, f32) -> f32, seen: impl Fn(usize) -> bool) -> Vec<f32> {
-        let values: Vec<f32> = (0..SIDE * SIDE).map(|c| f(centre(c).0, centre(c).1)).collect();
-        let counts: Vec<f32> = (0..SIDE * SIDE).map(|c| f32::from(u8::from(seen(c)))).collect();
+        let values: Vec<f32> = (0..DISK_SIDE * DISK_SIDE).map(|c| f(centre(c).0, centre(c).1)).collect();
+        let counts: Vec<f32> = (0..DISK_SIDE * DISK_SIDE).map(|c| f32::from(u8::from(seen(c)))).collect();
         let mut out = vec![0.0; STATISTICS];
         let fine: Vec<Option<f32>> = values.iter().map(|v| Some(0.1 * v)).collect();
         statistics(&values, &fine, &observed(&counts), &mut out);
@@ -368,7 +368,7 @@ mod tests {
     fn waves_have_the_largest_power_at_their_scale() {
         // Waves of 4, 8, 16 and 32 cells.
         for level in 0..4 {
-            let k = std::f32::consts::TAU / (8 << level) as f32 * SIDE as f32;
+            let k = std::f32::consts::TAU / (8 << level) as f32 * DISK_SIDE as f32;
             let found = of(|x, y| (0.3 * (k * x).sin() + 0.3 * (k * y).sin()).exp(), |_| true);
             let powers: Vec<f32> = (0..LEVELS).map(|l| found[at(l)]).collect();
             let most = powers.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1)).unwrap().0;
@@ -379,7 +379,7 @@ mod tests {
     #[test]
     fn holes_change_statistics_little() {
         let mut rng = Pcg64::seed_from_u64(1);
-        let seen: Vec<bool> = (0..SIDE * SIDE).map(|_| rng.random_range(0.0..1.0) < 0.7).collect();
+        let seen: Vec<bool> = (0..DISK_SIDE * DISK_SIDE).map(|_| rng.random_range(0.0..1.0) < 0.7).collect();
         let (whole, holed) = (of(waves, |_| true), of(waves, |c| seen[c]));
         for level in 0..LEVELS {
             let (a, b) = (whole[at(level)], holed[at(level)]);
@@ -389,9 +389,11 @@ mod tests {
 
     #[test]
     fn statistics_are_always_finite() {
-        for found in
-            [of(|_, _| 0.0, |_| true), of(|_, _| 1.0, |_| false), of(|_, _| 1.0, |c| c == SIDE * SIDE / 2 + 70)]
-        {
+        for found in [
+            of(|_, _| 0.0, |_| true),
+            of(|_, _| 1.0, |_| false),
+            of(|_, _| 1.0, |c| c == DISK_SIDE * DISK_SIDE / 2 + 70),
+        ] {
             assert!(found.iter().all(|v| v.is_finite()));
         }
         let spike = of(|x, y| if x.hypot(y - 0.3) < 0.02 { 1e6 } else { 1e-6 }, |_| true);

@@ -28,7 +28,7 @@ const MAX_THRESHOLDS: usize = 5;
 /// Range of a threshold, as a share of the largest code: codes that are neither black nor clipped.
 const THRESHOLDS: Range<f64> = 0.05..0.95;
 /// Distance from the threshold within which pixels do not count, as a share of the largest code.
-const NEAR: f64 = 4.0 / 255.0;
+const THRESHOLD_MARGIN: f64 = 4.0 / 255.0;
 /// Smallest number of pixels on each side of the threshold, as a share of all.
 const MIN_SHARE: f64 = 0.02;
 /// Number of rows, and of columns, of the cells whose differences are compared before and after.
@@ -132,7 +132,7 @@ fn divisions(a: &Plane<f32>, b: &Plane<f32>, shift: (i32, i32)) -> Vec<Division>
     let divided = |plane: &Plane<f32>, histogram: &Histogram, quantile: f64| {
         let threshold = histogram.quantile(quantile)?;
         let bitmap = plane.map(|v| match v - threshold {
-            off if off.abs() <= NEAR as f32 => 0,
+            off if off.abs() <= THRESHOLD_MARGIN as f32 => 0,
             off if off > 0.0 => 1,
             _ => -1,
         });

@@ -16,7 +16,7 @@ pub(super) fn disagree(codes: &[(&Frame<'_>, u16)], channel: usize, table: &Tabl
     for &(frame, code) in codes {
         let (from, to) = table.bounds(code);
         let log_radiance = |log: f64| {
-            let veil = frame.correction.veil[channel];
+            let veil = frame.correction.veiling_glare[channel];
             let log = if veil == 0.0 { log } else { (log.exp() - veil).max(0.0).ln() };
             log - frame.amount(channel).ln()
         };

@@ -71,7 +71,7 @@ pub(super) fn correct(
     trusted: bool,
 ) -> Result<Vec<f64>, BracketError> {
     let mut order: Vec<usize> = (0..frames.len()).collect();
-    order.sort_by(|&a, &b| frames[a].stated.total_cmp(&frames[b].stated));
+    order.sort_by(|&a, &b| frames[a].nominal.total_cmp(&frames[b].nominal));
     let mut errors = vec![0.0; frames.len()];
     let mut differences: Vec<Option<Difference>> = Vec::new();
     for pair in order.windows(2) {
@@ -81,7 +81,7 @@ pub(super) fn correct(
             let off = median(&mut log_gain.to_vec()).unwrap_or(0.0);
             if off.abs() > WRONG_TIMES.ln() && !trusted {
                 let (first, second) = (a.index + 1, b.index + 1);
-                let said = b.stated / a.stated;
+                let said = b.nominal / a.nominal;
                 return Err(BracketError::Times { first, second, seen: said * off.exp(), said });
             }
             errors[pair[1]] = off.exp_m1();
@@ -109,7 +109,7 @@ fn store(frames: &mut [Frame<'_>], order: &[usize], differences: &[Option<Differ
         for (i, &at) in order.iter().enumerate() {
             let frame = &mut frames[at];
             frame.correction.gain[channel] = (logs[i] - middle).exp();
-            frame.correction.veil[channel] = veils[i] * frame.stated;
+            frame.correction.veiling_glare[channel] = veils[i] * frame.nominal;
         }
     }
 }
@@ -153,8 +153,9 @@ fn difference(a: &Frame<'_>, b: &Frame<'_>, tables: &[Table; 3]) -> Option<Diffe
         .step_by(step)
         .filter_map(|i| Some((a.at(i)?, b.at(i)?)))
         .flat_map_iter(|(of_a, of_b)| {
-            let radiance =
-                |frame: &Frame<'_>, codes: [u16; 3], c: usize| tables[c].exposure[usize::from(codes[c])] / frame.stated;
+            let radiance = |frame: &Frame<'_>, codes: [u16; 3], c: usize| {
+                tables[c].exposure[usize::from(codes[c])] / frame.nominal
+            };
             (0..3).filter(move |&c| middle(of_a[c]) && middle(of_b[c])).map(move |c| Sample {
                 channel: c,
                 x: radiance(a, of_a, c),

@@ -1,11 +1,9 @@
 //! An exposure with its corrections: alignment, gain and veiling glare.
 
-use serde::Serialize;
-
 use super::{Codes, Exposure};
 
 /// Correction of an exposure relative to the others of its bracket.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ExposureCorrection {
     /// Columns and rows by which the scene is displaced relative to the first exposure, in pixels.
     pub shift: (i32, i32),
@@ -13,12 +11,12 @@ pub struct ExposureCorrection {
     /// does not flicker.
     pub gain: [f64; 3],
     /// Additional light of each channel, in units of the response: veiling glare.
-    pub veil: [f64; 3],
+    pub veiling_glare: [f64; 3],
 }
 
 impl ExposureCorrection {
     /// No correction.
-    pub const NONE: Self = Self { shift: (0, 0), gain: [1.0; 3], veil: [0.0; 3] };
+    pub const NONE: Self = Self { shift: (0, 0), gain: [1.0; 3], veiling_glare: [0.0; 3] };
 }
 
 /// An exposure with its correction.
@@ -28,14 +26,14 @@ pub(super) struct Frame<'a> {
     /// Index of the exposure in its bracket.
     pub(super) index: usize,
     /// Amount of light by the exposure time.
-    pub(super) stated: f64,
+    pub(super) nominal: f64,
     pub(super) correction: ExposureCorrection,
 }
 
 impl<'a> Frame<'a> {
     pub(super) fn new(exposures: &'a [Exposure], index: usize, shift: (i32, i32)) -> Self {
         let Exposure { codes, amount } = &exposures[index];
-        Self { codes, index, stated: *amount, correction: ExposureCorrection { shift, ..ExposureCorrection::NONE } }
+        Self { codes, index, nominal: *amount, correction: ExposureCorrection { shift, ..ExposureCorrection::NONE } }
     }
 
     /// Returns the codes that show pixel `index` of the first exposure; `None` outside the picture.
@@ -52,12 +50,12 @@ impl<'a> Frame<'a> {
 
     /// Returns the corrected amount of light of a channel.
     pub(super) fn amount(&self, channel: usize) -> f64 {
-        self.stated * self.correction.gain[channel]
+        self.nominal * self.correction.gain[channel]
     }
 
     /// Returns the exposure of a channel that the scene caused, given that of its code.
     pub(super) fn without_veil(&self, exposure: f64, channel: usize) -> f64 {
-        exposure - self.correction.veil[channel]
+        exposure - self.correction.veiling_glare[channel]
     }
 
     pub(super) fn size(&self) -> (usize, usize) {

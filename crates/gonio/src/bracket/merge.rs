@@ -2,7 +2,6 @@
 //! exposures that are inconsistent with the others.
 
 use glam::Vec3;
-use serde::Serialize;
 
 use super::align::shifts;
 use super::flicker::correct;
@@ -41,7 +40,7 @@ impl Default for MergeSettings {
 
 /// Status of the radiance of a pixel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Known {
+pub enum MergedPixelStatus {
     /// The radiance is known, mostly from this exposure (counted from 0 in the given order).
     From(u8),
     /// Some channel is clipped even in the shortest exposure.
@@ -51,24 +50,24 @@ pub enum Known {
     Dark,
     /// The radiance is unknown: the exposures contradict each other, for example because something
     /// moved, or no aligned exposure shows the pixel.
-    Moved,
+    Inconsistent,
 }
 
 /// Counts of the pixels of a bracket, and disagreements between exposures.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct MergeReport {
     /// Number of pixels.
     pub pixels: usize,
-    /// Number of pixels clipped in every exposure, [`Known::Clipped`].
+    /// Number of pixels clipped in every exposure, [`MergedPixelStatus::Clipped`].
     pub clipped: usize,
-    /// Number of pixels black in every exposure, [`Known::Dark`].
+    /// Number of pixels black in every exposure, [`MergedPixelStatus::Dark`].
     pub dark: usize,
-    /// Number of pixels whose exposures disagree, [`Known::Moved`].
-    pub moved: usize,
+    /// Number of pixels whose exposures disagree, [`MergedPixelStatus::Inconsistent`].
+    pub inconsistent: usize,
     /// Number of known pixels with an uncertainty of more than 2 % from rounding alone.
-    pub coarse: usize,
+    pub quantised: usize,
     /// Number of pixels whose radiance comes mostly from each exposure.
-    pub from: Vec<usize>,
+    pub pixels_by_exposure: Vec<usize>,
     /// Relative excess of each exposure's brightness over that expected from its time, relative to
     /// the next shorter exposure that is used; zero for exposures that were left out.
     pub time_errors: Vec<f64>,
@@ -89,7 +88,7 @@ pub struct Merged {
     /// or moved contain `clip_level` in all channels.
     pub picture: Picture,
     /// Status of each pixel.
-    pub known: Plane<Known>,
+    pub known: Plane<MergedPixelStatus>,
     /// Radiance above that of all known pixels: pixels with this value are unknown.
     pub clip_level: f32,
     /// Response of the camera, given or recovered.
@@ -217,12 +216,22 @@ impl<'a> Bracket<'a> {
         let residual = median(&mut residuals.concat()).unwrap_or(0.0);
         let residuals = residuals.iter_mut().map(|residuals| median(residuals).unwrap_or(0.0)).collect();
         let pixels = width * height;
-        let report =
-            MergeReport { pixels, clipped, dark, moved, coarse, from, time_errors, corrections, residuals, residual };
+        let report = MergeReport {
+            pixels,
+            clipped,
+            dark,
+            inconsistent: moved,
+            quantised: coarse,
+            pixels_by_exposure: from,
+            time_errors,
+            corrections,
+            residuals,
+            residual,
+        };
         let shortest = |channel: usize| frames.iter().map(|frame| frame.amount(channel)).fold(f64::MAX, f64::min);
         let end = |(channel, table): (usize, &Table)| table.exposure[table.exposure.len() - 1] / shortest(channel);
         let end = tables.iter().enumerate().map(end).fold(0.0, f64::max) as f32;
-        let is_seen = |known: &Known| matches!(known, Known::From(_) | Known::Dark);
+        let is_seen = |known: &MergedPixelStatus| matches!(known, MergedPixelStatus::From(_) | MergedPixelStatus::Dark);
         let seen = rgb.iter().zip(&known).filter(|(_, k)| is_seen(k));
         let clip_level = seen.fold(end, |level, (v, _)| level.max(v.max_element().next_up()));
         for (colour, known) in rgb.iter_mut().zip(&known) {

@@ -5,7 +5,7 @@
 //! exposure that each code represents; [`Response::recover`] estimates it from the bracket itself.
 //! [`merge()`] aligns the exposures, corrects their gains and veiling glare, and weights the
 //! exposures of each pixel by the precision with which their codes determine the radiance. It
-//! returns the status of each pixel: see [`Known`].
+//! returns the status of each pixel: see [`MergedPixelStatus`].
 
 mod align;
 mod consistency;
@@ -22,13 +22,13 @@ mod tests;
 
 pub use error::BracketError;
 pub use frame::ExposureCorrection;
-pub use merge::{Known, MergeReport, MergeSettings, Merged, merge};
+pub use merge::{MergeReport, MergeSettings, Merged, MergedPixelStatus, merge};
 pub use response::Response;
 
 use crate::picture::Plane;
 
 /// Largest number of exposures in a bracket.
-pub const MOST_EXPOSURES: usize = 64;
+pub const MAX_EXPOSURES: usize = 64;
 
 /// Codes of a picture: red, green and blue of each pixel.
 #[derive(Clone, Debug, PartialEq)]
@@ -81,7 +81,7 @@ pub struct Exposure {
 /// Checks that all pictures have one size and depth, and positive amounts of light.
 fn check(exposures: &[Exposure]) -> Result<(), BracketError> {
     let Some(first) = exposures.first() else { return Err(BracketError::Count { count: 0 }) };
-    if exposures.len() > MOST_EXPOSURES {
+    if exposures.len() > MAX_EXPOSURES {
         return Err(BracketError::Count { count: exposures.len() });
     }
     for (i, exposure) in exposures.iter().enumerate() {

@@ -3,7 +3,7 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::Known;
+use super::MergedPixelStatus;
 use super::consistency::disagree;
 use super::frame::Frame;
 use super::table::Table;
@@ -112,7 +112,7 @@ fn sample(
 /// Results of consecutive pixels, with counts.
 pub(super) struct Row {
     pub(super) rgb: Vec<Vec3>,
-    pub(super) known: Vec<Known>,
+    pub(super) known: Vec<MergedPixelStatus>,
     pub(super) clipped: usize,
     pub(super) dark: usize,
     pub(super) moved: usize,
@@ -149,18 +149,18 @@ impl Row {
         let any = |of: fn(&Sample) -> bool| samples.iter().any(of);
         self.known.push(if any(|s| matches!(s, Sample::Moved)) {
             self.moved += 1;
-            Known::Moved
+            MergedPixelStatus::Inconsistent
         } else if any(|s| matches!(s, Sample::Clipped)) {
             self.clipped += 1;
-            Known::Clipped
+            MergedPixelStatus::Clipped
         } else if let [Sample::Value { .. }, Sample::Value { from, .. }, Sample::Value { .. }] = samples {
             // Use the exposure of green, which contributes most of the luminance.
             self.coarse += usize::from(any(|s| matches!(s, Sample::Value { error, .. } if *error > COARSE)));
             self.from[*from] += 1;
-            Known::From(*from as u8)
+            MergedPixelStatus::From(*from as u8)
         } else {
             self.dark += 1;
-            Known::Dark
+            MergedPixelStatus::Dark
         });
     }
 

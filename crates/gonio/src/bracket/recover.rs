@@ -27,9 +27,9 @@ const LEVELS: usize = 256;
 /// Range of reliable levels: outside it, a code may be clipped or mostly rounding.
 const TRUSTED: std::ops::RangeInclusive<f64> = 2.5..=251.5;
 /// Standard deviation of a code, in levels: rounding and a little noise.
-const NOISE: f64 = 0.4;
+const CODE_NOISE: f64 = 0.4;
 /// Smallest relative error assumed for an exposure.
-const FLOOR: f64 = 0.02;
+const MIN_EXPOSURE_ERROR: f64 = 0.02;
 /// Weight of the squared second derivative of the curve over the logarithm of the code. Times in a
 /// constant ratio leave functions of that period undetermined except for smoothness: a smaller
 /// weight admits them, a larger one flattens sharp shoulders.
@@ -39,16 +39,16 @@ const OUTLYING: f64 = 4.0;
 /// Number of rounds of weighting and solving.
 const ROUNDS: usize = 8;
 /// Largest number of pixels used, evenly spaced.
-const MOST_PIXELS: usize = 1 << 18;
+const MAX_PIXELS: usize = 1 << 18;
 /// Smallest number of pixels.
-const LEAST_PIXELS: usize = 100;
+const MIN_PIXELS: usize = 100;
 /// Number of parts into which the pixels are split, fixed so that sums do not depend on the number
 /// of threads.
 const PARTS: usize = 16;
 /// Smallest ratio of the times of two exposures that are informative together.
-const LEAST_RATIO: f64 = 1.1;
+const MIN_RATIO: f64 = 1.1;
 /// Largest median disagreement of exposures under the best curve.
-const LARGEST_RESIDUAL: f64 = 0.08;
+const MAX_RESIDUAL: f64 = 0.08;
 
 /// Equations of a pixel: level and logarithm of the time of each exposure whose code is reliable.
 type Equations = Vec<(f64, f64)>;
@@ -76,8 +76,8 @@ impl Response {
     pub(super) fn of_frames(frames: &[Frame<'_>]) -> Result<Self, BracketError> {
         let max = frames[0].max();
         let (shortest, longest) =
-            frames.iter().fold((f64::MAX, 0.0), |(a, b), f| (f64::min(a, f.stated), f64::max(b, f.stated)));
-        if frames.len() > 1 && longest < LEAST_RATIO * shortest {
+            frames.iter().fold((f64::MAX, 0.0), |(a, b), f| (f64::min(a, f.nominal), f64::max(b, f.nominal)));
+        if frames.len() > 1 && longest < MIN_RATIO * shortest {
             return Err(BracketError::EqualTimes);
         }
         let mut channels = [const { Vec::new() }; 3];
@@ -92,22 +92,22 @@ impl Response {
 fn equations(frames: &[Frame<'_>], channel: usize) -> Vec<Equations> {
     let (width, height) = frames[0].size();
     let scale = (LEVELS - 1) as f64 / f64::from(frames[0].max());
-    let step = (width * height).div_ceil(MOST_PIXELS).max(1);
+    let step = (width * height).div_ceil(MAX_PIXELS).max(1);
     let of_pixel = |pixel: usize| -> Option<Equations> {
         let said: Equations = frames
             .iter()
-            .filter_map(|frame| Some((f64::from(frame.at(pixel)?[channel]) * scale, frame.stated.ln())))
+            .filter_map(|frame| Some((f64::from(frame.at(pixel)?[channel]) * scale, frame.nominal.ln())))
             .filter(|(level, _)| TRUSTED.contains(level))
             .collect();
         let (least, most) = said.iter().fold((f64::MAX, f64::MIN), |(a, b), &(_, t)| (a.min(t), b.max(t)));
-        (most - least > LEAST_RATIO.ln()).then_some(said)
+        (most - least > MIN_RATIO.ln()).then_some(said)
     };
     (0..width * height).into_par_iter().step_by(step).filter_map(of_pixel).collect()
 }
 
 fn recover_channel(pixels: &[Equations]) -> Result<Vec<f64>, BracketError> {
-    if pixels.len() < LEAST_PIXELS {
-        return Err(BracketError::TooLittleOverlap { pixels: pixels.len(), least: LEAST_PIXELS });
+    if pixels.len() < MIN_PIXELS {
+        return Err(BracketError::TooLittleOverlap { pixels: pixels.len(), least: MIN_PIXELS });
     }
     let mut curve = Response::srgb((LEVELS - 1) as u16).curve(0).to_vec();
     // The weights use the slope of the sRGB curve. With the slope of the current curve, steep parts
@@ -119,7 +119,7 @@ fn recover_channel(pixels: &[Equations]) -> Result<Vec<f64>, BracketError> {
     }
     let mut residuals: Vec<f64> = pixels.iter().flat_map(|p| disagreements(p, &curve)).collect();
     let residual = median(&mut residuals).unwrap_or(0.0);
-    if residual > LARGEST_RESIDUAL {
+    if residual > MAX_RESIDUAL {
         return Err(BracketError::NoResponse { percent: 100.0 * residual.exp_m1() });
     }
     let middle = curve[LEVELS / 2];
@@ -189,7 +189,8 @@ fn normal_equations(pixels: &[Equations], before: &[f64], slope: &[f64], robust:
 
 /// Computes the inverse variances of the equations of a pixel.
 fn weights_of(pixel: &Equations, before: &[f64], slope: &[f64], robust: bool) -> Vec<f64> {
-    let variance = |level: f64| (NOISE * slope[level.round() as usize]).powi(2) + FLOOR * FLOOR;
+    let variance =
+        |level: f64| (CODE_NOISE * slope[level.round() as usize]).powi(2) + MIN_EXPOSURE_ERROR * MIN_EXPOSURE_ERROR;
     let plain: Vec<f64> = pixel.iter().map(|&(level, _)| 1.0 / variance(level)).collect();
     if !robust {
         return plain;
@@ -225,12 +226,12 @@ fn smooth(matrix: &mut Mat<f64>) {
 ///
 /// Decreasing neighbours are replaced by their mean.
 fn rising(curve: &[f64]) -> Vec<f64> {
-    const LEAST_STEP: f64 = 1e-5;
+    const MIN_STEP: f64 = 1e-5;
     // Sum and count of each block. With the smallest step subtracted, the curve need only be
     // non-decreasing.
     let mut blocks: Vec<(f64, f64)> = Vec::new();
     for (k, g) in curve.iter().enumerate() {
-        blocks.push((g - LEAST_STEP * k as f64, 1.0));
+        blocks.push((g - MIN_STEP * k as f64, 1.0));
         while let [.., (a, m), (b, n)] = blocks[..]
             && a / m > b / n
         {
@@ -239,5 +240,5 @@ fn rising(curve: &[f64]) -> Vec<f64> {
         }
     }
     let flat = blocks.iter().flat_map(|&(sum, n)| std::iter::repeat_n(sum / n, n as usize));
-    flat.enumerate().map(|(k, g)| g + LEAST_STEP * k as f64).collect()
+    flat.enumerate().map(|(k, g)| g + MIN_STEP * k as f64).collect()
 }

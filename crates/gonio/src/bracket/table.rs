@@ -1,7 +1,7 @@
 //! Lookup tables from the codes of one channel to exposures, for merging and checking.
 
 /// Tolerance of codes, as a share of the largest: rounding, noise, and JPEG artefacts at edges.
-const SLACK: f64 = 5.0 / 255.0;
+const CODE_TOLERANCE: f64 = 5.0 / 255.0;
 
 /// Lookup tables over the codes of one channel.
 pub(super) struct Table {
@@ -28,7 +28,7 @@ impl Table {
         let exposure: Vec<f64> = curve.iter().map(|g| g.exp()).collect();
         let white = ((white.clamp(0.0, 1.0) * max as f64).ceil() as usize).clamp(1, max);
         let black = curve.iter().take_while(|g| **g <= curve[0]).count() - 1;
-        let slack = (SLACK * max as f64).ceil() as usize;
+        let slack = (CODE_TOLERANCE * max as f64).ceil() as usize;
         let informs = |code: usize| code > black && code < white;
         let precision = |code: usize| {
             let (a, b) = (code.saturating_sub(1), (code + 1).min(max));

@@ -68,8 +68,9 @@ const AMOUNTS: [f64; 7] = [0.01, 0.04, 0.16, 0.64, 2.56, 10.24, 40.96];
 /// Largest relative error of the known pixels and its 99th percentile; each channel may have its
 /// own scale.
 fn errors(merged: &Merged, scene: &Plane<Vec3>, free_scale: bool) -> (f64, f64) {
-    let known: Vec<usize> =
-        (0..scene.as_slice().len()).filter(|&i| matches!(merged.known.as_slice()[i], Known::From(_))).collect();
+    let known: Vec<usize> = (0..scene.as_slice().len())
+        .filter(|&i| matches!(merged.known.as_slice()[i], MergedPixelStatus::From(_)))
+        .collect();
     let mut all = Vec::new();
     for c in 0..3 {
         let mut ratios: Vec<f64> =
@@ -88,13 +89,16 @@ fn recovers_the_radiance_with_a_known_response() {
     let report = &merged.report;
     let (worst, most) = errors(&merged, &scene, false);
     assert!(most < 0.01 && worst < 0.03, "{worst} {most}");
-    assert_eq!(report.from.iter().sum::<usize>() + report.clipped + report.dark + report.moved, report.pixels);
-    assert_eq!(report.moved, 0);
+    assert_eq!(
+        report.pixels_by_exposure.iter().sum::<usize>() + report.clipped + report.dark + report.inconsistent,
+        report.pixels
+    );
+    assert_eq!(report.inconsistent, 0);
     assert!(report.time_errors.iter().all(|e| e.abs() < 0.01));
     for (i, known) in merged.known.as_slice().iter().enumerate() {
         let (got, want) = (merged.picture.rgb.as_slice()[i], scene.as_slice()[i]);
         match known {
-            Known::Clipped => {
+            MergedPixelStatus::Clipped => {
                 assert_eq!(got, Vec3::splat(merged.clip_level));
                 assert!(f64::from(want.max_element()) * AMOUNTS[0] > 0.8, "{want}");
             }
@@ -184,8 +188,8 @@ fn detects_motion() {
     };
     blot(&mut exposures[2], 8);
     let merged = merge(&exposures, Some(&truth()), &MergeSettings::default()).unwrap();
-    assert_eq!(merged.known[(24, 25)], Known::Moved);
-    assert!((70..90).contains(&merged.report.moved), "{}", merged.report.moved);
+    assert_eq!(merged.known[(24, 25)], MergedPixelStatus::Inconsistent);
+    assert!((70..90).contains(&merged.report.inconsistent), "{}", merged.report.inconsistent);
     assert_eq!(merged.picture.rgb[(24, 25)], Vec3::splat(merged.clip_level));
     // The response is nevertheless recovered.
     let got = Response::recover(&exposures).unwrap();
@@ -201,7 +205,11 @@ fn detects_motion() {
     assert!(matches!(error, BracketError::Motion { moved, .. } if moved > 400), "{error}");
     let trusting = MergeSettings { trust_times: true, ..MergeSettings::default() };
     let merged = merge(&exposures[1..3], Some(&truth()), &trusting).unwrap();
-    assert!(merged.report.moved > 400 && merged.known[(24, 25)] == Known::Moved, "{:?}", merged.report);
+    assert!(
+        merged.report.inconsistent > 400 && merged.known[(24, 25)] == MergedPixelStatus::Inconsistent,
+        "{:?}",
+        merged.report
+    );
 }
 
 /// Indices of the exposures that were left out.
@@ -279,7 +287,7 @@ fn corrects_flicker_and_veiling_glare() {
     let veil = Vec3::splat(0.004);
     exposures[5] = take(&dim.map(|v| *v + veil), &AMOUNTS[5..6], 0.3).swap_remove(0);
     let merged = merge(&exposures, Some(&truth()), &MergeSettings::default()).unwrap();
-    let found = merged.report.corrections[5].unwrap().veil[1] / AMOUNTS[5];
+    let found = merged.report.corrections[5].unwrap().veiling_glare[1] / AMOUNTS[5];
     assert!((found - 0.004).abs() < 0.0006, "{found}");
     assert!(errors(&merged, &dim, false).1 < 0.05, "{:?}", errors(&merged, &dim, false));
 }
@@ -291,7 +299,7 @@ fn a_veil_in_the_shortest_exposure_does_not_raise_the_others() {
     let mut exposures = take(&scene, &AMOUNTS, 0.3);
     exposures[2] = take(&scene.map(|v| *v + veil), &AMOUNTS[2..3], 0.3).swap_remove(0);
     let merged = merge(&exposures[2..], Some(&truth()), &MergeSettings::default()).unwrap();
-    let veils: Vec<f64> = merged.report.corrections.iter().map(|c| c.map_or(0.0, |c| c.veil[1])).collect();
+    let veils: Vec<f64> = merged.report.corrections.iter().map(|c| c.map_or(0.0, |c| c.veiling_glare[1])).collect();
     assert!((veils[0] / AMOUNTS[2] - 0.05).abs() < 0.01 && veils[1..].iter().all(|veil| *veil == 0.0), "{veils:?}");
     assert!(errors(&merged, &scene, false).1 < 0.05, "{:?}", errors(&merged, &scene, false));
 }
@@ -307,7 +315,7 @@ fn pixels_that_no_exposure_shows_are_unknown() {
     let merged = merge(&exposures, Some(&truth()), &MergeSettings::default()).unwrap();
     assert_eq!(left_out(&merged), [0]);
     for y in 0..150 {
-        assert_eq!(merged.known[(297, y)], Known::Moved);
+        assert_eq!(merged.known[(297, y)], MergedPixelStatus::Inconsistent);
         assert_eq!(merged.picture.rgb[(297, y)], Vec3::splat(merged.clip_level));
     }
 }
@@ -320,7 +328,7 @@ fn leaves_out_an_exposure_with_a_wrong_time() {
     for response in [Some(truth()), None] {
         let merged = merge(&exposures, response.as_ref(), &MergeSettings::default()).unwrap();
         assert_eq!(left_out(&merged), [3]);
-        assert_eq!(merged.report.from[3], 0);
+        assert_eq!(merged.report.pixels_by_exposure[3], 0);
         assert!(errors(&merged, &scene, response.is_none()).1 < 0.06);
     }
 }

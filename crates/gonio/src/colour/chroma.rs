@@ -6,7 +6,7 @@ use crate::picture::luminance;
 
 /// Smallest value of a channel, relative to the luminance: below it, the logarithm depends on noise
 /// more than on colour.
-pub(super) const FLOOR: f64 = 0.02;
+pub(super) const CHANNEL_FLOOR: f64 = 0.02;
 
 /// Chroma of linear RGB (Rec. 709) as `(ln R/G, ln B/G)`; `(0, 0)` is grey.
 ///
@@ -23,7 +23,7 @@ impl Chroma {
         if brightness.is_nan() || brightness <= 0.0 {
             return Self::default();
         }
-        let [r, g, b] = rgb.max(DVec3::splat(FLOOR * brightness)).to_array().map(f64::ln);
+        let [r, g, b] = rgb.max(DVec3::splat(CHANNEL_FLOOR * brightness)).to_array().map(f64::ln);
         Self([r - g, b - g])
     }
 

@@ -6,7 +6,7 @@ use crate::appearance::DiskImage;
 use crate::inference::Embedding;
 use crate::inference::learnt::LearntPosterior;
 use crate::linalg::eigenvectors;
-use crate::reflectance::{BivariateTable, Coordinates, trusted_cells};
+use crate::reflectance::{BivariateTable, LatentSpace, trusted_cells};
 
 /// Smallest ratio of a channel's albedo or mean to that of the luminance.
 const MIN_RATIO: f64 = 5e-3;
@@ -18,7 +18,7 @@ const MIN_VALUE: f64 = 1e-6;
 #[derive(Clone, Debug, PartialEq)]
 pub struct ChannelReading {
     /// Mean of the posterior in the coordinates of materials.
-    pub place: Vec<f64>,
+    pub coordinates: Vec<f64>,
     /// Mean of the channel over the pixels of the ball.
     pub mean: f64,
 }
@@ -26,15 +26,15 @@ pub struct ChannelReading {
 impl ChannelReading {
     /// Reads the image of a channel or of the luminance.
     pub fn of(learnt: &LearntPosterior, image: &DiskImage) -> Self {
-        let embedding = Embedding::of(learnt.read(image).embedding);
-        Self { place: learnt.mean_place(&embedding), mean: image.mean() }
+        let embedding = Embedding::of(learnt.encode(image).embedding);
+        Self { coordinates: learnt.mean_coordinates(&embedding), mean: image.mean() }
     }
 
     /// Returns the coefficients of the difference of this channel from the luminance.
     ///
     /// They are in the order of [`channel_difference`] and contain the chroma of the light.
     pub fn minus(&self, luminance: &Self) -> Vec<f64> {
-        let differences = self.place.iter().zip(&luminance.place).map(|(own, other)| own - other);
+        let differences = self.coordinates.iter().zip(&luminance.coordinates).map(|(own, other)| own - other);
         differences.chain([log_ratio(self.mean, luminance.mean)]).collect()
     }
 }
@@ -47,7 +47,7 @@ fn log_ratio(value: f64, of: f64) -> f64 {
 ///
 /// They are the differences of the coordinates, followed by the logarithm of the ratio of the
 /// albedos along the normal.
-pub fn channel_difference(coordinates: &Coordinates, channel: &BivariateTable, luminance: &BivariateTable) -> Vec<f64> {
+pub fn channel_difference(coordinates: &LatentSpace, channel: &BivariateTable, luminance: &BivariateTable) -> Vec<f64> {
     let (own, other) = (coordinates.of(channel), coordinates.of(luminance));
     let last = log_ratio(channel.normal_albedo(), luminance.normal_albedo());
     own.iter().zip(&other).map(|(own, other)| own - other).chain([last]).collect()
@@ -58,7 +58,7 @@ pub fn channel_difference(coordinates: &Coordinates, channel: &BivariateTable, l
 /// The means extend over the trusted cells. The last coefficient is that of a constant added to the
 /// logarithm.
 pub fn mean_log_difference(
-    coordinates: &Coordinates,
+    coordinates: &LatentSpace,
     channel: &BivariateTable,
     luminance: &BivariateTable,
 ) -> Vec<f64> {
@@ -145,7 +145,7 @@ mod tests {
     #[test]
     fn a_grey_material_has_no_differences() {
         let table = BivariateTable::from_fn(|h, d| 0.1 + (-h * h / 0.01).exp() + 0.1 * d);
-        let coordinates = &WORLD.coordinates;
+        let coordinates = &WORLD.latent_space;
         assert!(channel_difference(coordinates, &table, &table).iter().all(|x| x.abs() < 1e-9));
         // A factor changes only the last coefficient.
         let moved = channel_difference(coordinates, &table.scaled(0.5), &table);

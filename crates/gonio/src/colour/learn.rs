@@ -3,7 +3,7 @@
 use super::chroma::Chroma;
 use super::differences::{channel_difference, mean_log_difference, student_covariance};
 use super::model::{ColourModel, LightComponent};
-use crate::reflectance::{BivariateTable, Coordinates};
+use crate::reflectance::{BivariateTable, LatentSpace};
 
 /// Variance added to each coefficient: that of a difference too small to be visible.
 const RIDGE: f64 = 1e-3;
@@ -35,13 +35,13 @@ impl ColourModel {
     /// # Panics
     /// If there are no materials, no samples or no lights.
     pub fn learn(
-        coordinates: &Coordinates,
+        coordinates: &LatentSpace,
         materials: &[[BivariateTable; 3]],
         samples: &[ColourSample],
         lights: &[Chroma],
     ) -> Self {
         let luminances: Vec<BivariateTable> = materials.iter().map(BivariateTable::luminance).collect();
-        let all = |difference: fn(&Coordinates, &BivariateTable, &BivariateTable) -> Vec<f64>| -> Vec<Vec<f64>> {
+        let all = |difference: fn(&LatentSpace, &BivariateTable, &BivariateTable) -> Vec<f64>| -> Vec<Vec<f64>> {
             let each = materials.iter().zip(&luminances);
             each.flat_map(|(rgb, luminance)| rgb.each_ref().map(|channel| difference(coordinates, channel, luminance)))
                 .collect()

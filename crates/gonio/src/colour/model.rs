@@ -12,7 +12,7 @@ use super::differences::ChannelReading;
 use super::field::ChromaField;
 use crate::inference::light::Cholesky;
 use crate::linalg::eigenvectors;
-use crate::reflectance::{BivariateTable, CELLS, Coordinates, nearest_trusted};
+use crate::reflectance::{BivariateTable, CELLS, LatentSpace, nearest_trusted};
 
 /// Largest number of axes of the differences used under a known light.
 const MAX_AXES: usize = 12;
@@ -149,7 +149,7 @@ impl ColourModel {
     /// `[axis][cell]`.
     ///
     /// The differences are those of the logarithms. The axes are ordered by decreasing variance.
-    pub(crate) fn axes(&self, coordinates: &Coordinates) -> Vec<Vec<f32>> {
+    pub(crate) fn axes(&self, coordinates: &LatentSpace) -> Vec<Vec<f32>> {
         let n = self.mean_log_differences.len();
         let covariance = Mat::from_fn(n, n, |i, j| self.mean_log_differences[i][j]);
         let (values, vectors) = eigenvectors(covariance.as_ref());
@@ -193,7 +193,7 @@ impl DifferencePosterior {
     }
 
     /// Returns the most probable field of a material whose luminance is `table`.
-    pub fn field(&self, coordinates: &Coordinates, table: &BivariateTable) -> ChromaField {
+    pub fn field(&self, coordinates: &LatentSpace, table: &BivariateTable) -> ChromaField {
         let directions = coordinates.directions();
         let means = self.means.each_ref().map(|mean| &mean[..]);
         field_of(&directions, table, means, [0.0; 3])
@@ -204,7 +204,7 @@ impl DifferencePosterior {
     /// The same seed produces the same draws.
     pub fn draws(
         &self,
-        coordinates: &Coordinates,
+        coordinates: &LatentSpace,
         table: &BivariateTable,
         count: usize,
         seed: u64,
@@ -283,7 +283,7 @@ pub(crate) mod tests {
     /// Model with differences of 0.5, reading errors of 0.1 and lights of 0.2 (standard
     /// deviations).
     pub(crate) fn plain() -> ColourModel {
-        let size = WORLD.coordinates.axes.len() + 1;
+        let size = WORLD.latent_space.axes.len() + 1;
         let round = |sd: f64| -> Vec<Vec<f64>> {
             (0..size).map(|i| (0..size).map(|j| if i == j { sd * sd } else { 0.0 }).collect()).collect()
         };
@@ -296,9 +296,9 @@ pub(crate) mod tests {
     }
 
     fn reading(first: f64, mean: f64) -> ChannelReading {
-        let mut place = vec![0.0; WORLD.coordinates.axes.len()];
+        let mut place = vec![0.0; WORLD.latent_space.axes.len()];
         place[0] = first;
-        ChannelReading { place, mean }
+        ChannelReading { coordinates: place, mean }
     }
 
     /// The mean solves `K^-1 x = E^-1 (y - x)`, the equations of the maximum of the posterior.
@@ -337,12 +337,12 @@ pub(crate) mod tests {
         let channels = [Some(reading(0.1, 1.5)), Some(reading(0.0, 1.0)), Some(reading(0.0, 0.5))];
         let spread = |light: Option<Chroma>| {
             let found = model.posterior(&luminance, &channels, light).unwrap();
-            let draws = found.draws(&WORLD.coordinates, &table, 400, 3);
-            assert_eq!(draws[..3], found.draws(&WORLD.coordinates, &table, 3, 3)[..]);
+            let draws = found.draws(&WORLD.latent_space, &table, 400, 3);
+            assert_eq!(draws[..3], found.draws(&WORLD.latent_space, &table, 3, 3)[..]);
             // Quantiles, since the tails are heavy.
             let mut all: Vec<f64> = draws.iter().map(|(field, _)| field.body(&table).0[0]).collect();
             all.sort_by(f64::total_cmp);
-            let middle = found.field(&WORLD.coordinates, &table).body(&table).0[0];
+            let middle = found.field(&WORLD.latent_space, &table).body(&table).0[0];
             (middle, all[200], all[300] - all[100])
         };
         let (blind, given) = (spread(None), spread(Some(Chroma([0.3, 0.0]))));
@@ -357,13 +357,13 @@ pub(crate) mod tests {
         let luminance = reading(0.0, 1.0);
         let channels = [Some(luminance.clone()), Some(luminance.clone()), None];
         let found = model.posterior(&luminance, &channels, None).unwrap();
-        let body = found.field(&WORLD.coordinates, &table).body(&table);
+        let body = found.field(&WORLD.latent_space, &table).body(&table);
         assert!(body.0[1] < -3.0 && body.0[1].is_finite(), "{body:?}");
     }
 
     #[test]
     fn damaged_models_are_not_proper() {
-        let dimensions = WORLD.coordinates.axes.len();
+        let dimensions = WORLD.latent_space.axes.len();
         assert!(plain().is_proper(dimensions) && !plain().is_proper(dimensions + 1));
         let spoilt = |change: fn(&mut ColourModel)| {
             let mut model = plain();

@@ -7,8 +7,8 @@
 //! [`ChromaticLight::grid`] is the light of the posterior mean.
 //!
 //! Captured light varies from blue to orange, and little from green to magenta. If photograph and
-//! BRDF differ along the green-magenta axis ([`ChromaticLight::apart`]), either the colours of the
-//! BRDF are wrong, or the light is unusual, for example over grass.
+//! BRDF differ along the green-magenta axis ([`ChromaticLight::chroma_residual`]), either the
+//! colours of the BRDF are wrong, or the light is unusual, for example over grass.
 
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, Par};
@@ -35,17 +35,17 @@ const AXES: [([f64; 2], f64); 2] = [([-0.465, 0.885], 0.46), ([0.885, 0.465], 0.
 const CORRELATED: (f64, f64) = (50.0 / 180.0 * std::f64::consts::PI, 0.75);
 
 /// Squares along a side of the grid of tints. Colours need fewer squares than luminance.
-const SIDE: usize = 16;
+const CHROMA_SIDE: usize = 16;
 
 /// Approximate number of observations for the estimation of the tints.
 const ROWS: usize = 500;
 
 /// Smallest relative error of the model.
-const LEAST_ERROR: f64 = 0.03;
+const MIN_ERROR: f64 = 0.03;
 
 /// Share of the mean brightness that the error model adds to the brightness of a point, since the
 /// error of dark points is not proportional to their brightness.
-const FLOOR: f64 = 0.2;
+const BRIGHTNESS_FLOOR: f64 = 0.2;
 
 /// Green-magenta difference above which the colours of the BRDF are reported as unreliable. The
 /// median error of the colours was at least 0.48 above it, and 0.17 below a difference of 0.1
@@ -60,7 +60,7 @@ pub struct ChromaticLight {
     /// Root mean square difference between the chroma of the photograph and that of the BRDF in a
     /// light of uniform colour. The two values are those along the blue-orange and the
     /// green-magenta axis, in natural logarithms. They exclude the noise of single pixels.
-    pub apart: [f64; 2],
+    pub chroma_residual: [f64; 2],
     /// Root mean square residual of the channels, given BRDF and coloured light, relative to the
     /// photograph.
     pub misfit: f64,
@@ -84,7 +84,7 @@ impl ChromaticLight {
 
     /// Returns a diagnostic if the colours of the BRDF are unreliable.
     pub(super) fn diagnostic(&self) -> Option<Diagnostic> {
-        (self.apart[1] > TOO_FAR).then_some(Diagnostic::Colours(self.apart[1]))
+        (self.chroma_residual[1] > TOO_FAR).then_some(Diagnostic::Colours(self.chroma_residual[1]))
     }
 }
 
@@ -114,8 +114,9 @@ impl Rows {
         let observations = observations.thinned(ROWS);
         let settings = PlanSettings { side, ..PlanSettings::default() };
         let tables = colouring.field().tables(table);
-        let (coefficients, _) = observed_rows(observations.seen(), &observations.values, &tables, prior, &settings)
-            .map_err(LightError::from)?;
+        let (coefficients, _) =
+            observed_rows(observations.points_with_visibility(), &observations.values, &tables, prior, &settings)
+                .map_err(LightError::from)?;
         Ok(Some(Self { observations, coefficients, side }))
     }
 
@@ -148,7 +149,7 @@ impl Images {
         let observations = &rows.observations;
         let texels: Vec<f64> = light.grid.texels().iter().map(|t| f64::from(luminance(*t).max(0.0))).collect();
         let fine = rows.side;
-        let side = fine.min(SIDE);
+        let side = fine.min(CHROMA_SIDE);
         let seen: Vec<usize> = (0..observations.values.len()).filter(|&i| observations.values[i].is_some()).collect();
         // A row holds weights of light coefficients; the inverse transform converts them to weights
         // of texels.
@@ -192,7 +193,7 @@ impl Images {
 
     fn tint(&self, light: &Light) -> ChromaticLight {
         let plain = self.plain();
-        let tints = self.posterior(&plain, light.misfit.max(LEAST_ERROR), light.grid.map());
+        let tints = self.posterior(&plain, light.misfit.max(MIN_ERROR), light.grid.map());
         let (fine, white) = (light.grid.side(), Vec3::from_array(self.white.map(|x| x as f32)));
         let texel = |(t, radiance): (usize, &Vec3)| {
             let factor = tints[square_of(fine, self.side, t)];
@@ -203,7 +204,7 @@ impl Images {
         let texels = light.grid.texels().iter().enumerate().map(texel).collect();
         ChromaticLight {
             grid: LightGrid::from_texels(light.grid.map(), fine, texels),
-            apart: self.apart(&plain),
+            chroma_residual: self.apart(&plain),
             misfit: self.misfit(&tints),
         }
     }
@@ -260,7 +261,8 @@ impl Images {
         let mean = plain.iter().sum::<DVec3>() / rows as f64;
         // Factor that scales a channel of an observation to unit error.
         let precision = |c: usize, i: usize, plain: &DVec3| {
-            self.weights[i].sqrt() * (1.0 + FLOOR) / (error * (plain[c] + FLOOR * mean[c])).max(1e-12 * mean[c])
+            self.weights[i].sqrt() * (1.0 + BRIGHTNESS_FLOOR)
+                / (error * (plain[c] + BRIGHTNESS_FLOOR * mean[c])).max(1e-12 * mean[c])
         };
         let mut system = Mat::<f64>::zeros(2 * count, 3 * rows);
         let mut right = vec![0.0; 3 * rows];

@@ -113,7 +113,7 @@ impl Colouring {
     #[must_use]
     pub fn less_certain(mut self, table: &BivariateTable, tint: &ChromaticLight) -> Self {
         if let Self::Estimate(found) = &mut self {
-            found.add_error(table, ERROR_PER_GAP * tint.apart[1], COLOUR_SEED);
+            found.add_error(table, ERROR_PER_GAP * tint.chroma_residual[1], COLOUR_SEED);
         }
         self
     }
@@ -137,8 +137,8 @@ impl Colouring {
 
     /// Returns the quantiles of every cell of red, green and blue.
     ///
-    /// The layout is `[channel][quantile][cell]`, at [`SHARES`](super::SHARES), in 1/sr on the
-    /// scale of [`Material::table`]. Without estimated colours, the quantiles are those of the
+    /// The layout is `[channel][quantile][cell]`, at [`SHARES`](super::QUANTILE_LEVELS), in 1/sr on
+    /// the scale of [`Material::table`]. Without estimated colours, the quantiles are those of the
     /// luminance times the uniform colour.
     pub fn quantiles(&self, material: &Material) -> [Vec<Vec<f32>>; 3] {
         let field = self.field();
@@ -167,8 +167,8 @@ fn estimate(
     let channels =
         images.channels.each_ref().map(|image| image.as_ref().map(|image| ChannelReading::of(learnt, image)));
     let posterior = colours.posterior(&luminance, &channels, light)?;
-    let draws = posterior.draws(&learnt.coordinates, table, COLOUR_DRAWS, COLOUR_SEED);
+    let draws = posterior.draws(&learnt.latent_space, table, COLOUR_DRAWS, COLOUR_SEED);
     let (fields, lights): (Vec<ChromaField>, Vec<Chroma>) = draws.into_iter().unzip();
     let of_light = (posterior.light(), &lights[..], light.is_some());
-    Some(ColourEstimate::of(table, posterior.field(&learnt.coordinates, table), fields, of_light))
+    Some(ColourEstimate::of(table, posterior.field(&learnt.latent_space, table), fields, of_light))
 }

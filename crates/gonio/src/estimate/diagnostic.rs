@@ -10,18 +10,18 @@ pub enum Diagnostic {
     /// Share of a sphere's normals that are not visible on the object.
     Filled(f64),
     /// Share of the photograph's features outside the range of the training data.
-    Strange(f64),
+    OutOfDistribution(f64),
     /// Share of the BRDF's domain that is undetermined.
-    Open(f64),
+    Undetermined(f64),
     /// Difference between photograph and BRDF from green to magenta ([`ChromaticLight::apart`]), in
     /// natural logarithms. Few lights explain it.
     ///
-    /// [`ChromaticLight::apart`]: super::ChromaticLight::apart
+    /// [`ChromaticLight::apart`]: super::ChromaticLight::chroma_residual
     Colours(f64),
     /// Relative standard deviation of pixels that share a normal.
     Scatter(f64),
     /// Rotation vector of the light map in the best fit, in degrees about x, y and z.
-    Turned([f64; 3]),
+    LightRotated([f64; 3]),
     /// The clipped pixels of a light map are brighter than their values.
     Clipped {
         /// Ratio of the true to the clipped radiance.
@@ -37,13 +37,13 @@ pub enum Diagnostic {
         /// The channel of the largest residual.
         channel: usize,
         /// Its residual.
-        left: f64,
+        misfit: f64,
     },
     /// The misfit of the photograph exceeds the value expected from noise and the light's
     /// resolution.
     Misfit {
         /// Residual, relative to the photograph.
-        left: f64,
+        misfit: f64,
         /// Expected residual ([`expected_misfit`](super::expected_misfit)).
         expected: f64,
         /// The most probable reason.
@@ -63,11 +63,11 @@ impl fmt::Display for Diagnostic {
         match self {
             Self::Filled(share) => write!(
                 f,
-                "the object shows only part of a sphere's normals; {:.0} % were interpolated, so the true \
-                 uncertainty is larger than the reported one",
+                "the object lacks many normals of a sphere; gonio interpolated {:.0} % of them, so the true uncertainty \
+                 is larger than the reported one",
                 100.0 * share
             ),
-            Self::Strange(share) => write!(
+            Self::OutOfDistribution(share) => write!(
                 f,
                 "the photograph is out of distribution: {:.0} % of its features lie outside their range in \
                  training; the result may be wrong",
@@ -79,7 +79,7 @@ impl fmt::Display for Diagnostic {
                  possible causes are texture, self-shadowing, several materials, noise, or misaligned normals",
                 100.0 * deviation
             ),
-            Self::Turned([x, y, z]) => {
+            Self::LightRotated([x, y, z]) => {
                 let angle = x.hypot(*y).hypot(*z);
                 write!(
                     f,
@@ -99,10 +99,10 @@ impl fmt::Display for Diagnostic {
                 "the pixels of the light map are {degrees:.1} degrees wide, wider than the highlight, so the sharpness \
                  of the material is undetermined; use a light map of higher resolution"
             ),
-            Self::Misfit { left, expected, reason } => write!(
+            Self::Misfit { misfit: left, expected, reason } => write!(
                 f,
-                "the relative RMS residual of the photograph is {:.0} %, but only {:.0} % is expected; possible causes \
-                 are {}",
+                "the misfit (relative RMS residual of the photograph) is {:.0} %, but only {:.0} % is expected; possible \
+                 causes are {}",
                 100.0 * left,
                 100.0 * expected,
                 match reason {
@@ -115,22 +115,22 @@ impl fmt::Display for Diagnostic {
                          and nearby lights",
                 }
             ),
-            Self::Channel { channel, left } => write!(
+            Self::Channel { channel, misfit: left } => write!(
                 f,
-                "the relative RMS residual beyond that of the luminance is {:.0} % in the {} channel; possible causes \
+                "the misfit beyond that of the luminance is {:.0} % in the {} channel; possible causes \
                  are a light map with another white balance or colour space, and several colours",
                 100.0 * left,
                 ["red", "green", "blue"][*channel],
             ),
             Self::Colours(apart) => write!(
                 f,
-                "photograph and BRDF differ by {:.0} % from green to magenta, so gonio widened the colour intervals; either \
-                 the colours are wrong or part of the light is green, as over grass",
+                "the colours of photograph and BRDF differ by {:.0} % along the green-magenta axis; the BRDF has wrong \
+                 colours, or part of the light is green, as over grass",
                 100.0 * (apart.exp() - 1.0)
             ),
-            Self::Open(share) => write!(
+            Self::Undetermined(share) => write!(
                 f,
-                "the photograph does not determine {:.0} % of the BRDF's domain (hatched in the uncertainty picture)",
+                "the photograph does not determine {:.0} % of the cells of the BRDF (hatched in uncertainty.png)",
                 100.0 * share
             ),
         }

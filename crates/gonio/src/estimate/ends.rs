@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 use super::ALBEDO;
 use crate::appearance::Lattice;
-use crate::inference::learnt::peak_over_base;
+use crate::inference::learnt::peak_to_body;
 use crate::lighting::studio_light;
 use crate::reflectance::{BivariateTable, CELLS, angles_of};
 use crate::render::{IntegratorSettings, LightTree, Relighter};
@@ -27,7 +27,7 @@ const USUAL: f64 = 0.9;
 const EXAMPLES: [f64; 5] = [0.05, 0.25, 0.5, 0.75, 0.95];
 
 /// Steps of the power iteration.
-const STEPS: usize = 50;
+const POWER_STEPS: usize = 50;
 
 /// Ends of the 90 % interval of a posterior.
 ///
@@ -113,7 +113,7 @@ impl Ends {
             draws.par_iter().map(|t| t.as_slice().iter().map(|v| f64::from(v.max(1e-12)).ln()).collect()).collect();
         let mean: Vec<f64> =
             (0..CELLS).into_par_iter().map(|c| logs.iter().map(|l| l[c]).sum::<f64>() / count).collect();
-        let gloss = centred(draws.iter().map(|table| vec![peak_over_base(table).ln()]).collect()).concat();
+        let gloss = centred(draws.iter().map(|table| vec![peak_to_body(table).ln()]).collect()).concat();
         let scores = first_component(&pictures, &gloss);
         let mut sorted: Vec<usize> = (0..draws.len()).collect();
         sorted.sort_by(|a, b| scores[*a].total_cmp(&scores[*b]));
@@ -166,7 +166,7 @@ fn first_component(rows: &[Vec<f64>], start: &[f64]) -> Vec<f64> {
         if length > 0.0 { v.into_iter().map(|x| x / length).collect() } else { v }
     };
     let mut scores = unit(start.to_vec());
-    for _ in 0..STEPS {
+    for _ in 0..POWER_STEPS {
         scores = unit(gram.iter().map(|row| dot(row, &scores)).collect());
     }
     let sign = if dot(&scores, start) < 0.0 { -1.0 } else { 1.0 };
@@ -185,15 +185,15 @@ mod tests {
         let lobes: Vec<BivariateTable> =
             (0..64).map(|i| testing::lobe(0.1, 3.0 * normal(i).exp(), 0.15).with_normal_albedo(ALBEDO).0).collect();
         let ends = Ends::of(&lobes);
-        let want = [6, 57].map(|i| peak_over_base(&lobes[i]));
+        let want = [6, 57].map(|i| peak_to_body(&lobes[i]));
         for (end, want) in ends.tables.iter().zip(want) {
             assert!((end.normal_albedo() - ALBEDO).abs() < 1e-4);
-            let got = peak_over_base(end);
+            let got = peak_to_body(end);
             assert!((got / want).ln().abs() < 0.15, "{got} {want}");
         }
         // At equal albedo, a higher peak leaves less to the body, whose logarithm changes most.
         assert_eq!(ends.region, Region::Body);
-        assert!(ends.examples.windows(2).all(|pair| peak_over_base(&pair[0]) < peak_over_base(&pair[1])));
+        assert!(ends.examples.windows(2).all(|pair| peak_to_body(&pair[0]) < peak_to_body(&pair[1])));
         let same = Ends::of(&[lobes[0].clone(), lobes[0].clone()]);
         assert!((same.factor - 1.0).abs() < 1e-6);
     }

@@ -93,15 +93,15 @@ impl Highlight {
 }
 
 impl Material {
-    /// Returns the ratio between the ends of the 90 % interval of the gloss.
-    pub fn gloss_factor(&self) -> f64 {
-        self.gloss[2] / self.gloss[0].max(1e-300)
+    /// Returns the ratio between the ends of the 90 % interval of the peak, relative to the body.
+    pub fn peak_factor(&self) -> f64 {
+        self.peak_to_body[2] / self.peak_to_body[0].max(1e-300)
     }
 
     /// Returns the share (0..=1) of the trusted cells whose 90 % interval spans more than `factor`.
     ///
-    /// This measures the interval itself, whereas [`Material::open`] compares it with the interval
-    /// without the photograph.
+    /// This measures the interval itself, whereas [`Material::undetermined_share`] compares it with
+    /// the interval without the photograph.
     pub fn wider_than(&self, factor: f64) -> f64 {
         let (low, high) = (&self.quantiles[0], &self.quantiles[self.quantiles.len() - 1]);
         let trusted = trusted_cells();
@@ -121,7 +121,7 @@ impl Material {
     /// Describes finish, roughness and certainty in one line, with 90 % intervals.
     pub fn verdict(&self) -> String {
         let [sharp, roughness, dull] = self.highlight.roughness();
-        let factor = self.gloss_factor();
+        let factor = self.peak_factor();
         let how = if factor > WIDE { "uncertain by" } else { "known to" };
         let digits = usize::from(factor < 9.95);
         format!(

@@ -7,11 +7,12 @@ use glam::{DQuat, DVec3};
 use super::colouring::{COLOUR_DRAWS, COLOUR_SEED};
 use super::material::MaterialDraft;
 use super::misfit::MAX_NOISE;
-use super::{Colouring, ColouringRule, Diagnostic, EstimateError, Material, Reason, Stage};
+use super::{Colouring, ColouringRule, Diagnostic, EstimateError, EstimateStage, Material, Reason};
 use crate::appearance::DiskImage;
 use crate::colour::{Chroma, ColourEstimate, is_grey};
 use crate::inference::known_light::{
-    Alignment, GivenLight, Hint, KnownLightError, KnownLightPosterior, Materials, ROWS, Rows, clipped,
+    Alignment, EncoderLikelihood, KnownLight, KnownLightError, KnownLightPosterior, ObservedPoints, PriorMaterials,
+    ROWS, clipped,
 };
 use crate::inference::learnt::MaterialPosterior;
 use crate::inference::light::LightError;
@@ -38,7 +39,7 @@ const BRIGHTER: f64 = 1.2;
 
 /// Estimate from a photograph under a known light.
 #[derive(Clone, Debug)]
-pub struct LitEstimate {
+pub struct KnownLightEstimate {
     /// Material of the object, in luminance, of albedo [`ALBEDO`](super::ALBEDO).
     pub material: Material,
     /// Factor from [`Material::table`] to reflectance on the scale of photograph and light. The
@@ -51,16 +52,16 @@ pub struct LitEstimate {
     /// Root mean square of the residual, relative to that of the observations.
     pub misfit: f64,
     /// Rotation from the given orientation of the map to the fitted one.
-    pub turn: DQuat,
+    pub rotation: DQuat,
     /// Ratio of the true radiance of the clipped map pixels to their values, and the standard
     /// deviation of its logarithm; `None` if no pixels are clipped.
     pub gain: Option<(f64, f64)>,
     /// Number of rows of the map.
     pub map_rows: usize,
     /// Number of observations used.
-    pub rows: usize,
+    pub observations: usize,
     /// Whether the iteration converged.
-    pub settled: bool,
+    pub converged: bool,
     /// Colours of material and light.
     pub colouring: Colouring,
     /// Root mean square residual of each channel beyond that of the luminance, relative to the
@@ -68,7 +69,7 @@ pub struct LitEstimate {
     pub channel_misfit: Option<[f64; 3]>,
 }
 
-impl LitEstimate {
+impl KnownLightEstimate {
     /// Returns the residual expected from noise and texture if material and light are correct.
     pub fn expected_misfit(&self) -> f64 {
         EXPECTED.hypot(self.material.scatter.min(MAX_NOISE))
@@ -77,17 +78,21 @@ impl LitEstimate {
     /// Returns the diagnostics, misfit first, including the corrections of the light map.
     pub fn diagnostics(&self) -> Vec<Diagnostic> {
         let (left, expected) = (self.misfit, self.expected_misfit());
-        let misfit =
-            (left > TOO_LARGE * expected).then_some(Diagnostic::Misfit { left, expected, reason: Reason::Light });
-        let turn = self.turn.to_scaled_axis();
-        let turned = (self.turn != DQuat::IDENTITY).then(|| Diagnostic::Turned(turn.to_array().map(f64::to_degrees)));
+        let misfit = (left > TOO_LARGE * expected).then_some(Diagnostic::Misfit {
+            misfit: left,
+            expected,
+            reason: Reason::Light,
+        });
+        let turn = self.rotation.to_scaled_axis();
+        let turned =
+            (self.rotation != DQuat::IDENTITY).then(|| Diagnostic::LightRotated(turn.to_array().map(f64::to_degrees)));
         let clipped = self.gain.filter(|(gain, sd)| *gain > BRIGHTER && gain.ln() > 2.0 * sd);
         let pixel = PI / self.map_rows as f64;
         let coarse = (highlight(&self.material.table) < pixel).then(|| Diagnostic::Coarse(pixel.to_degrees()));
         let channel = self.channel_misfit.and_then(|left| {
             let worst = (0..3).max_by(|a, b| left[*a].total_cmp(&left[*b]))?;
             (left[worst] > MAX_CHANNEL_MISFIT.hypot(self.material.scatter))
-                .then_some(Diagnostic::Channel { channel: worst, left: left[worst] })
+                .then_some(Diagnostic::Channel { channel: worst, misfit: left[worst] })
         });
         let of_light = [channel, turned, clipped.map(|(gain, sd)| Diagnostic::Clipped { gain, sd }), coarse];
         misfit.into_iter().chain(of_light.into_iter().flatten()).chain(self.material.diagnostics()).collect()
@@ -102,7 +107,7 @@ impl LitEstimate {
             let pixel = |x, y| radiance[(x, y)] * if mask[(x, y)] { gain as f32 } else { 1.0 };
             map = EnvironmentMap::new(Plane::from_fn(width, height, pixel)).unwrap_or(map);
         }
-        if self.turn == DQuat::IDENTITY { map } else { map.rotated(self.turn) }
+        if self.rotation == DQuat::IDENTITY { map } else { map.rotated(self.rotation) }
     }
 }
 
@@ -125,35 +130,33 @@ fn highlight(table: &BivariateTable) -> f64 {
 /// when a stage begins.
 ///
 /// # Errors
-/// If the model has no posterior of materials, or light or image are black.
-///
-/// # Panics
-/// If nothing is observed.
-pub fn estimate_under(
+/// If the model has no posterior of materials, light or image are black, or nothing is observed.
+pub fn estimate_known_light(
     model: &Model,
     observations: &Observations,
     (light, alignment): (&EnvironmentMap, Alignment),
     colouring: &ColouringRule,
-    progress: &(dyn Fn(Stage) + Sync),
-) -> Result<LitEstimate, EstimateError> {
+    progress: &(dyn Fn(EstimateStage) + Sync),
+) -> Result<KnownLightEstimate, EstimateError> {
     let learnt = model.learnt.as_ref().ok_or(EstimateError::NotLearnt)?;
-    progress(Stage::Material);
+    super::check_observed(observations)?;
+    progress(EstimateStage::Material);
     let few = observations.thinned(ROWS);
     let seen: Vec<usize> = (0..few.points.len()).filter(|&i| few.values[i].is_some()).collect();
     let few = few.select(&seen);
     let places: Vec<Vec<f64>> =
-        learnt.prior.places.iter().map(|place| place.iter().map(|z| f64::from(*z)).collect()).collect();
+        learnt.prior.coordinates.iter().map(|place| place.iter().map(|z| f64::from(*z)).collect()).collect();
     let values: Vec<f64> = few.values.iter().flatten().copied().collect();
-    let (points, visibility, trust) = (&few.points[..], few.visibility.as_ref(), few.trust());
-    let rows = Rows { points, visibility, values: &values, trust: &trust };
-    let materials = Materials::of(&learnt.coordinates, &places);
-    let given = GivenLight::of_map(light);
+    let (points, visibility, trust) = (&few.points[..], few.visibility.as_ref(), few.effective_weights());
+    let rows = ObservedPoints { points, visibility, values: &values, weights: &trust };
+    let materials = PriorMaterials::of(&learnt.latent_space, &places);
+    let given = KnownLight::of_map(light);
     let mut found = KnownLightPosterior::of(&rows, given.clone(), alignment, &materials)?;
     let colours: Vec<DVec3> = few.colours.iter().map(|rgb| rgb.unwrap_or_default().as_dvec3()).collect();
     let mut channels = None;
     let wanted = matches!(colouring, ColouringRule::Estimate { .. }) && !is_grey(few.colours.iter().flatten());
     if let Some(prior) = model.colours().filter(|_| wanted) {
-        progress(Stage::Colours);
+        progress(EstimateStage::Colours);
         // If light or photograph is black in a channel, the colours are estimated as under an
         // unknown light below.
         if let Ok((anew, of_channels)) = found.clone().with_channels(&rows, &colours, &given, &materials, prior) {
@@ -163,7 +166,7 @@ pub fn estimate_under(
     // Self-shadowing is not removed: the encoder is accurate often enough despite it, and removing
     // it without the light would take longer than all other steps.
     let image = DiskImage::gather(&observations.samples()).ok_or(LightError::Image(ProblemError::Black))?;
-    let hint = Hint::of(learnt, &learnt.read(&image).embedding).ok_or(KnownLightError::Unsolvable)?;
+    let hint = EncoderLikelihood::of(learnt, &learnt.encode(&image).embedding).ok_or(KnownLightError::Unsolvable)?;
     let gaussian = found.gaussian()?.informed_by(&hint).ok_or(KnownLightError::Unsolvable)?;
     let likelihood = Likelihood::Gaussian(gaussian);
     let posterior = MaterialPosterior::of(learnt, likelihood).ok_or(KnownLightError::Unsolvable)?;
@@ -180,7 +183,7 @@ pub fn estimate_under(
         }
         None => Colouring::of(model, observations, &material.table, colouring),
     };
-    Ok(LitEstimate {
+    Ok(KnownLightEstimate {
         exposure: found.table().normal_albedo() / material.table.normal_albedo(),
         colouring,
         channel_misfit,
@@ -188,10 +191,10 @@ pub fn estimate_under(
         noise: found.noise,
         discrepancy: found.discrepancy,
         misfit: found.misfit,
-        turn: found.turn,
+        rotation: found.rotation,
         gain: found.gain,
         map_rows: light.radiance().height(),
-        rows: values.len(),
-        settled: found.settled,
+        observations: values.len(),
+        converged: found.converged,
     })
 }

@@ -1,6 +1,6 @@
 //! Estimation of the light, given the material.
 
-use super::{EstimateError, EstimateSettings, Stage};
+use super::{EstimateError, EstimateSettings, EstimateStage};
 use crate::inference::light::{LightProblem, NonNegativeSettings, cut_off_at_zero};
 use crate::lighting::LightGrid;
 use crate::model::Model;
@@ -11,7 +11,7 @@ use crate::transfer::PlanSettings;
 /// Largest side of a grid whose posterior is restricted to non-negative lights, which takes a
 /// minute at this side. On finer grids, whose dense matrices do not fit in memory, the mean is
 /// clamped at zero.
-const LARGEST_BOUNDED_SIDE: usize = 64;
+const MAX_BOUNDED_SIDE: usize = 64;
 
 /// Method that ensured a non-negative light.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -22,10 +22,10 @@ pub enum LightEstimator {
         /// Number of refinement steps.
         steps: usize,
         /// Whether the refinement converged.
-        settled: bool,
+        converged: bool,
     },
     /// Posterior mean, clamped at zero; for grids beyond 64 x 64.
-    CutOff,
+    Clamped,
 }
 
 /// Light of a photograph, in luminance, given a BRDF.
@@ -42,7 +42,7 @@ pub struct Light {
     /// Method that ensured a non-negative light.
     pub estimator: LightEstimator,
     /// Number of observations used.
-    pub rows: usize,
+    pub observations: usize,
     /// Final objective of the evidence
     /// ([`LightPosterior::objective`](crate::inference::light::LightPosterior::objective)).
     pub objective: f64,
@@ -63,8 +63,8 @@ pub struct Light {
 }
 
 impl Light {
-    /// Estimates the light, given a BRDF (1/sr). `progress` receives [`Stage::Transfer`] and
-    /// [`Stage::Light`].
+    /// Estimates the light, given a BRDF (1/sr). `progress` receives [`EstimateStage::Transfer`]
+    /// and [`EstimateStage::Light`].
     ///
     /// # Errors
     /// If the prior does not cover the grid of the settings, or the image is black.
@@ -73,21 +73,22 @@ impl Light {
         observations: &Observations,
         table: &BivariateTable,
         settings: &EstimateSettings,
-        progress: &(dyn Fn(Stage) + Sync),
+        progress: &(dyn Fn(EstimateStage) + Sync),
     ) -> Result<Self, EstimateError> {
         settings.check(model)?;
-        progress(Stage::Transfer);
+        progress(EstimateStage::Transfer);
         let plan = PlanSettings { side: settings.side, ..PlanSettings::default() };
-        let problem = LightProblem::of_observations(&observations.thinned(settings.rows), table, &model.light, &plan)?;
-        progress(Stage::Light);
+        let problem =
+            LightProblem::of_observations(&observations.thinned(settings.observations), table, &model.light, &plan)?;
+        progress(EstimateStage::Light);
         let evidence = problem.posterior()?;
-        let (coefficients, sd, exposure, estimator) = if settings.side <= LARGEST_BOUNDED_SIDE {
+        let (coefficients, sd, exposure, estimator) = if settings.side <= MAX_BOUNDED_SIDE {
             let found = problem.non_negative(&evidence, &NonNegativeSettings::default())?;
-            let how = LightEstimator::NonNegative { steps: found.steps, settled: found.converged };
+            let how = LightEstimator::NonNegative { steps: found.steps, converged: found.converged };
             (found.light, found.light_sd, found.exposure, how)
         } else {
             let light = cut_off_at_zero(&evidence.light);
-            (light, evidence.light_sd.clone(), evidence.exposure, LightEstimator::CutOff)
+            (light, evidence.light_sd.clone(), evidence.exposure, LightEstimator::Clamped)
         };
         let radiance: Vec<f64> = coefficients.iter().map(|l| l * exposure).collect();
         Ok(Self {
@@ -97,7 +98,7 @@ impl Light {
             sd,
             exposure,
             estimator,
-            rows: problem.rows(),
+            observations: problem.rows(),
             objective: evidence.objective,
             effective: evidence.effective,
             converged: evidence.converged,

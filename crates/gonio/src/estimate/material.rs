@@ -5,7 +5,7 @@ use super::{Colouring, ColouringRule, Diagnostic, Ends, EstimateError, Highlight
 use crate::appearance::{DiskImage, fineness};
 use crate::colour::ChromaField;
 use crate::inference::learnt::{
-    self, LearntPosterior, MaterialPosterior, Neighbour, SphereEquivalent, SphereEquivalentSettings, peak_over_base,
+    self, LearntPosterior, MaterialPosterior, Neighbour, SphereEquivalent, SphereEquivalentSettings, peak_to_body,
     to_sphere_equivalent,
 };
 use crate::inference::{Embedding, Likelihood};
@@ -19,7 +19,7 @@ use crate::transfer::PlanSettings;
 pub const ALBEDO: f64 = 0.5;
 
 /// Shares of the quantiles in [`Material::quantiles`].
-pub const SHARES: [f64; 4] = [0.05, 0.25, 0.75, 0.95];
+pub const QUANTILE_LEVELS: [f64; 4] = [0.05, 0.25, 0.75, 0.95];
 
 /// Largest number of [`Material::neighbours`], and the smallest weight of each.
 const NAMED: (usize, f64) = (10, 0.005);
@@ -35,24 +35,25 @@ pub struct Material {
     pub table: BivariateTable,
     /// Factor from [`MaterialPosterior::mean`] to the table.
     pub scale: f64,
-    /// Quantiles of each cell at [`SHARES`], `[quantile][cell]`, on the scale of the table.
+    /// Quantiles of each cell at [`QUANTILE_LEVELS`], `[quantile][cell]`, on the scale of the
+    /// table.
     pub quantiles: Vec<Vec<f32>>,
     /// Cells that the photograph does not determine ([`MaterialPosterior::undetermined`]).
     pub undetermined: Vec<bool>,
     /// Share of the trusted cells (both angles below 80 degrees) that are undetermined, 0..=1.
-    pub open: f64,
+    pub undetermined_share: f64,
     /// Measured materials of the largest weights, in descending order, at most ten. The weights of
     /// all measured materials sum to one.
     pub neighbours: Vec<Neighbour>,
     /// Dull and glossy end of the interval.
     pub ends: Ends,
-    /// 5, 50 and 95 % quantiles of the gloss, [`peak_over_base`].
-    pub gloss: [f64; 3],
+    /// 5, 50 and 95 % quantiles of the ratio of the peak to the body, [`peak_to_body`].
+    pub peak_to_body: [f64; 3],
     /// The same quantiles of other measures: width of a GGX lobe, gloss units.
     pub highlight: Highlight,
     /// Share of the photograph's features outside their range in the training data
-    /// ([`Reading::strangeness`](crate::inference::learnt::Reading::strangeness)).
-    pub strangeness: f64,
+    /// ([`Reading::out_of_distribution`](crate::inference::learnt::EncoderOutput::out_of_distribution)).
+    pub out_of_distribution: f64,
     /// Standard deviation of pixels that share a normal, relative to their mean
     /// ([`DiskImage::scatter`](crate::appearance::DiskImage::scatter)).
     pub scatter: f64,
@@ -60,12 +61,12 @@ pub struct Material {
     /// the photograph ([`fineness`]); one if unknown.
     pub fineness: f64,
     /// Number of cells of the disk of normals to which the photograph was mapped.
-    pub normals: usize,
+    pub disk_cells: usize,
     /// Number of these cells without an observation, which are interpolated.
-    pub filled: usize,
+    pub filled_cells: usize,
     /// Mean absolute log ratio between the values of an equivalent sphere and the observed ones
     /// ([`to_sphere_equivalent`]).
-    pub unshadowed: f64,
+    pub self_shadowing: f64,
     /// Posterior of the material, and draws from it.
     pub posterior: MaterialPosterior,
 }
@@ -77,21 +78,18 @@ impl Material {
     /// near camera.
     ///
     /// # Errors
-    /// If the model has no posterior of materials, or the image is black.
-    ///
-    /// # Panics
-    /// If nothing is observed.
+    /// If the model has no posterior of materials, the image is black, or nothing is observed.
     pub fn of(model: &Model, observations: &Observations, side: usize) -> Result<Self, EstimateError> {
         Ok(MaterialDraft::of(model, observations, side)?.describe())
     }
 
     /// Returns the diagnostics of the material.
     pub fn diagnostics(&self) -> Vec<Diagnostic> {
-        let filled = self.filled as f64 / self.normals as f64;
+        let filled = self.filled_cells as f64 / self.disk_cells as f64;
         [
             (filled > 0.2).then_some(Diagnostic::Filled(filled)),
-            (self.strangeness > 0.05).then_some(Diagnostic::Strange(self.strangeness)),
-            (self.open > 0.5).then_some(Diagnostic::Open(self.open)),
+            (self.out_of_distribution > 0.05).then_some(Diagnostic::OutOfDistribution(self.out_of_distribution)),
+            (self.undetermined_share > 0.5).then_some(Diagnostic::Undetermined(self.undetermined_share)),
             (self.scatter > 0.1).then_some(Diagnostic::Scatter(self.scatter)),
         ]
         .into_iter()
@@ -99,11 +97,11 @@ impl Material {
         .collect()
     }
 
-    /// Returns the quantiles of every cell of a channel at [`SHARES`], `[quantile][cell]`.
+    /// Returns the quantiles of every cell of a channel at [`QUANTILE_LEVELS`], `[quantile][cell]`.
     ///
     /// The values are on the scale of the table. `fields` are equally likely draws of the chroma.
     pub(super) fn channel_quantiles(&self, fields: &[ChromaField], channel: usize) -> Vec<Vec<f32>> {
-        let quantiles = self.posterior.channel_quantiles(fields, channel, &SHARES);
+        let quantiles = self.posterior.channel_quantiles(fields, channel, &QUANTILE_LEVELS);
         let rescaled = |values: Vec<f32>| values.into_iter().map(|v| (f64::from(v) * self.scale) as f32).collect();
         quantiles.into_iter().map(rescaled).collect()
     }
@@ -168,33 +166,34 @@ pub(super) struct MaterialDraft<'a> {
     /// Encoded images; `None` for several photographs or a known light.
     images: Option<SphereEquivalent>,
     scale: f64,
-    strangeness: f64,
+    out_of_distribution: f64,
     scatter: f64,
     fineness: f64,
-    normals: usize,
-    filled: usize,
-    unshadowed: f64,
+    disk_cells: usize,
+    filled_cells: usize,
+    self_shadowing: f64,
 }
 
 impl<'a> MaterialDraft<'a> {
     pub(super) fn of(model: &'a Model, observations: &Observations, side: usize) -> Result<Self, EstimateError> {
         let learnt = model.learnt.as_ref().ok_or(EstimateError::NotLearnt)?;
+        super::check_observed(observations)?;
         let plan = PlanSettings { side, ..PlanSettings::default() };
         let settings = SphereEquivalentSettings::default();
-        let unshadowed = to_sphere_equivalent(observations, learnt, &model.light, &plan, &settings)?;
-        let reading = learnt.read(&unshadowed.image);
+        let equivalent = to_sphere_equivalent(observations, learnt, &model.light, &plan, &settings)?;
+        let reading = learnt.encode(&equivalent.image);
         let likelihood = Likelihood::Embedding(Embedding::of(reading.embedding));
         let posterior = MaterialPosterior::of(learnt, likelihood).ok_or(EstimateError::NotLearnt)?;
-        let image = &unshadowed.image;
-        let normals = DiskImage::cells();
+        let image = &equivalent.image;
+        let cells = DiskImage::cells();
         Ok(Self {
-            strangeness: reading.strangeness,
+            out_of_distribution: reading.out_of_distribution,
             fineness: fineness(image),
-            filled: normals - (f64::from(image.covered()) * normals as f64).round() as usize,
-            unshadowed: unshadowed.change,
+            filled_cells: cells - (f64::from(image.covered()) * cells as f64).round() as usize,
+            self_shadowing: equivalent.change,
             ..Self::with(learnt, f64::from(image.scatter), posterior)
         }
-        .seen(unshadowed))
+        .seen(equivalent))
     }
 
     /// Wraps a posterior; `scatter` is that of its photographs.
@@ -206,13 +205,13 @@ impl<'a> MaterialDraft<'a> {
             table,
             images: None,
             scale,
-            strangeness: 0.0,
+            out_of_distribution: 0.0,
             scatter,
             fineness: 1.0,
-            normals: DiskImage::cells(),
+            disk_cells: DiskImage::cells(),
             // No cell is interpolated: every observation is used directly.
-            filled: 0,
-            unshadowed: 0.0,
+            filled_cells: 0,
+            self_shadowing: 0.0,
         }
     }
 
@@ -233,32 +232,32 @@ impl<'a> MaterialDraft<'a> {
         let posterior = self.posterior;
         let (table, scale) = (self.table, self.scale);
         let rescaled = |values: Vec<f32>| values.into_iter().map(|v| (f64::from(v) * scale) as f32).collect();
-        let quantiles = posterior.quantiles(&SHARES).into_iter().map(rescaled).collect();
+        let quantiles = posterior.quantiles(&QUANTILE_LEVELS).into_iter().map(rescaled).collect();
         let undetermined = posterior.undetermined(self.learnt);
         let trusted: Vec<usize> = trusted_cells().collect();
-        let open = trusted.iter().filter(|&&c| undetermined[c]).count() as f64 / trusted.len() as f64;
+        let undetermined_share = trusted.iter().filter(|&&c| undetermined[c]).count() as f64 / trusted.len() as f64;
         let (most, least) = NAMED;
         let neighbours = posterior.neighbours.iter().take(most).filter(|n| n.weight >= least).cloned().collect();
-        let ranking = posterior.ranking(peak_over_base);
+        let ranking = posterior.ranking(peak_to_body);
         let drawn = learnt::predict(self.learnt, &posterior.likelihood, DRAWS, 1);
         let ends = Ends::of(drawn.as_ref().unwrap_or(&posterior.draws));
-        let gloss = ranking.quantiles(&[0.05, 0.5, 0.95]);
+        let peak = ranking.quantiles(&[0.05, 0.5, 0.95]);
         Material {
             table,
             scale,
             quantiles,
             undetermined,
-            open,
+            undetermined_share,
             neighbours,
             ends,
-            gloss: [gloss[0], gloss[1], gloss[2]],
+            peak_to_body: [peak[0], peak[1], peak[2]],
             highlight: Highlight::of(&posterior),
-            strangeness: self.strangeness,
+            out_of_distribution: self.out_of_distribution,
             scatter: self.scatter,
             fineness: self.fineness,
-            normals: self.normals,
-            filled: self.filled,
-            unshadowed: self.unshadowed,
+            disk_cells: self.disk_cells,
+            filled_cells: self.filled_cells,
+            self_shadowing: self.self_shadowing,
             posterior,
         }
     }

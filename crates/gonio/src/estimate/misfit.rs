@@ -16,9 +16,9 @@ pub enum Reason {
 
 /// Residual that a light of 32 x 32 texels leaves of a clean simulated photograph.
 ///
-/// It is a function of the logarithm of the [gloss](Material::gloss), interpolated linearly. The
-/// values are about the 95 % quantile over left-out materials in left-out lights, from
-/// `gonio-eval folds` (docs/trials.md).
+/// It is a function of the logarithm of the [ratio of the peak to the
+/// body](Material::peak_to_body), interpolated linearly. The values are about the 95 % quantile
+/// over left-out materials in left-out lights, from `gonio-eval folds` (docs/trials.md).
 const RESOLUTION: [(f64, f64); 5] = [(0.0, 0.05), (2.0, 0.08), (5.0, 0.22), (7.0, 0.45), (10.0, 0.45)];
 
 /// Ratio of the misfit to the expected one above which it is reported.
@@ -47,7 +47,7 @@ pub const MAX_MISFIT: f64 = 0.5;
 /// the fine detail of the photograph; otherwise a wrong shape, mistaken for a sharp highlight,
 /// would raise the expected residual.
 pub fn expected_misfit(material: &Material) -> f64 {
-    expected(material.gloss[1], material.fineness, material.scatter)
+    expected(material.peak_to_body[1], material.fineness, material.scatter)
 }
 
 fn expected(gloss: f64, fineness: f64, scatter: f64) -> f64 {
@@ -62,7 +62,7 @@ fn expected(gloss: f64, fineness: f64, scatter: f64) -> f64 {
 pub(super) fn diagnostic(material: &Material, light: &Light) -> Option<Diagnostic> {
     let (left, expected) = (light.misfit, expected_misfit(material));
     let reason = if material.scatter > 0.5 * left { Reason::Texture } else { Reason::Regions };
-    (left > TOO_LARGE * expected).then_some(Diagnostic::Misfit { left, expected, reason })
+    (left > TOO_LARGE * expected).then_some(Diagnostic::Misfit { misfit: left, expected, reason })
 }
 
 #[cfg(test)]

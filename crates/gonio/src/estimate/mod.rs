@@ -2,8 +2,8 @@
 //!
 //! [`estimate`] performs all steps. They are also available separately: [`Material::of`] infers the
 //! material, [`Light::of`] the light given the material, and [`Colouring::of`] the colours of both.
-//! [`estimate_under`] uses a known light, [`combine`] combines several photographs, and
-//! [`estimate_together`] estimates several materials under one light. The methods of the paper,
+//! [`estimate_known_light`] uses a known light, [`combine`] combines several photographs, and
+//! [`estimate_regions`] estimates several materials under one light. The methods of the paper,
 //! which estimate basis coefficients, are in [`inference`](crate::inference).
 
 mod chromatic_light;
@@ -30,15 +30,16 @@ pub use combine::{Combined, combine};
 pub use diagnostic::Diagnostic;
 pub use ends::{Ends, Region};
 pub use highlight::{Finish, Highlight, WIDE};
-pub use known_light::{LitEstimate, estimate_under};
+pub use known_light::{KnownLightEstimate, estimate_known_light};
 pub use light::{Light, LightEstimator};
-pub use material::{ALBEDO, Material, SHARES, draws, predictive_draws};
+pub use material::{ALBEDO, Material, QUANTILE_LEVELS, draws, predictive_draws};
 pub use misfit::{CONTRADICTED, MAX_MISFIT, Reason, expected_misfit};
-pub use together::{Beside, estimate_together, irradiance};
+pub use together::{RegionEstimate, estimate_regions, irradiance};
 
 use crate::inference::ProductError;
 use crate::inference::known_light::KnownLightError;
 use crate::inference::light::LightError;
+use crate::lighting::LightGrid;
 use crate::model::Model;
 use crate::reflectance::BivariateTable;
 use crate::scene::Observations;
@@ -53,14 +54,14 @@ pub struct EstimateSettings {
     /// Approximate number of observations for the estimate of the light. With 1,600 observations,
     /// one or two of them see each texel of a 32 x 32 light in a mirror. With fewer observations
     /// than texels, only the prior determines the unseen texels, which produces a checkerboard.
-    pub rows: usize,
+    pub observations: usize,
     /// Rule for the colours.
     pub colouring: ColouringRule,
 }
 
 impl Default for EstimateSettings {
     fn default() -> Self {
-        Self { side: 32, rows: 1600, colouring: ColouringRule::default() }
+        Self { side: 32, observations: 1600, colouring: ColouringRule::default() }
     }
 }
 
@@ -75,14 +76,29 @@ pub struct Estimate {
     pub colouring: Colouring,
     /// Colours of the light in each direction; `None` if the photograph or the requested BRDF is
     /// grey, or all observations are black.
-    pub tint: Option<ChromaticLight>,
+    pub chromatic_light: Option<ChromaticLight>,
 }
 
 impl Estimate {
+    /// Returns the BRDF of red, green and blue in 1/sr: linear Rec. 709, with a luminance albedo of
+    /// [`ALBEDO`] at normal incidence.
+    pub fn brdf(&self) -> [BivariateTable; 3] {
+        self.colouring.field().tables(&self.material.table)
+    }
+
+    /// Returns the light in linear Rec. 709, on the scale that corresponds to [`Self::brdf`]. If
+    /// its colours were not estimated by direction, the light has one colour.
+    pub fn light_in_colour(&self) -> LightGrid {
+        match &self.chromatic_light {
+            Some(chromatic) => chromatic.grid.clone(),
+            None => self.light.grid.coloured(self.colouring.light()),
+        }
+    }
+
     /// Returns the diagnostics of the estimate.
     pub fn diagnostics(&self) -> Vec<Diagnostic> {
         let mut diagnostics = diagnostics(&self.material, &self.light);
-        diagnostics.extend(self.tint.as_ref().and_then(ChromaticLight::diagnostic));
+        diagnostics.extend(self.chromatic_light.as_ref().and_then(ChromaticLight::diagnostic));
         diagnostics
     }
 }
@@ -94,7 +110,7 @@ pub fn diagnostics(material: &Material, light: &Light) -> Vec<Diagnostic> {
 
 /// Stages of [`estimate`], in order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Stage {
+pub enum EstimateStage {
     /// Maps the observations to standard normals and computes the posterior of materials.
     Material,
     /// Integrates the BRDF over the texels of the light.
@@ -105,7 +121,7 @@ pub enum Stage {
     Colours,
 }
 
-impl Stage {
+impl EstimateStage {
     /// Returns the name of the stage.
     pub fn name(self) -> &'static str {
         match self {
@@ -123,16 +139,19 @@ pub enum EstimateError {
     /// The model was made for other methods.
     #[error("the model has no posterior of materials")]
     NotLearnt,
+    /// No point has a value.
+    #[error("no usable pixel lies on the object; check the mask and the exposure")]
+    Unobserved,
     /// The side of the grid is invalid, or finer than the prior.
     #[error(
-        "a light grid of {side} texels per side is not supported; use a power of two from 4 to {most}, the range of \
+        "a light grid of {side} texels per side is not supported; use a power of two from 4 to {max}, the range of \
          the model's prior of light"
     )]
     Grid {
         /// Requested side.
         side: usize,
         /// Largest side that the prior covers.
-        most: usize,
+        max: usize,
     },
     /// The image is black or not finite, or its equations have no solution.
     #[error(transparent)]
@@ -149,17 +168,15 @@ pub enum EstimateError {
 /// a stage begins.
 ///
 /// # Errors
-/// If the model has no posterior of materials or does not cover the grid, or the image is black.
-///
-/// # Panics
-/// If nothing is observed.
+/// If the model has no posterior of materials or does not cover the grid, the image is black, or
+/// nothing is observed.
 pub fn estimate(
     model: &Model,
     observations: &Observations,
     settings: &EstimateSettings,
-    progress: &(dyn Fn(Stage) + Sync),
+    progress: &(dyn Fn(EstimateStage) + Sync),
 ) -> Result<Estimate, EstimateError> {
-    let found = estimate_beside(model, observations, settings, progress, |_, _| ());
+    let found = estimate_with_task(model, observations, settings, progress, |_, _| ());
     found.map(|(estimate, ())| estimate)
 }
 
@@ -170,18 +187,15 @@ pub fn estimate(
 ///
 /// # Errors
 /// Those of [`estimate`].
-///
-/// # Panics
-/// If nothing is observed.
-pub fn estimate_beside<T: Send>(
+pub fn estimate_with_task<T: Send>(
     model: &Model,
     observations: &Observations,
     settings: &EstimateSettings,
-    progress: &(dyn Fn(Stage) + Sync),
+    progress: &(dyn Fn(EstimateStage) + Sync),
     beside: impl FnOnce(&BivariateTable, &Colouring) -> T + Send,
 ) -> Result<(Estimate, T), EstimateError> {
     settings.check(model)?;
-    progress(Stage::Material);
+    progress(EstimateStage::Material);
     let impression = MaterialDraft::of(model, observations, settings.side)?;
     let table = impression.table.clone();
     // The quantiles and colours of the posterior are computed in parallel with the light.
@@ -195,13 +209,19 @@ pub fn estimate_beside<T: Send>(
         },
     );
     let light = light?;
-    progress(Stage::Colours);
+    progress(EstimateStage::Colours);
     let tint = rows?.and_then(|rows| rows.under(&colouring, &light));
     let colouring = match &tint {
         Some(tint) => colouring.less_certain(&table, tint),
         None => colouring,
     };
-    Ok((Estimate { material, light, colouring, tint }, made))
+    Ok((Estimate { material, light, colouring, chromatic_light: tint }, made))
+}
+
+/// # Errors
+/// [`EstimateError::Unobserved`] if no point has a value.
+fn check_observed(observations: &Observations) -> Result<(), EstimateError> {
+    if observations.values.iter().any(Option::is_some) { Ok(()) } else { Err(EstimateError::Unobserved) }
 }
 
 impl EstimateSettings {
@@ -210,7 +230,7 @@ impl EstimateSettings {
         if self.side.is_power_of_two() && (4..=most).contains(&self.side) {
             Ok(())
         } else {
-            Err(EstimateError::Grid { side: self.side, most })
+            Err(EstimateError::Grid { side: self.side, max: most })
         }
     }
 }

@@ -45,7 +45,17 @@ fn observations(picture: &Picture) -> Observations {
 }
 
 fn settings() -> EstimateSettings {
-    EstimateSettings { side: 16, rows: 900, ..EstimateSettings::default() }
+    EstimateSettings { side: 16, observations: 900, ..EstimateSettings::default() }
+}
+
+#[test]
+fn rejects_observations_without_a_value() {
+    let model = model(2);
+    let mut observations = observations(&photograph(2, Vec3::ONE));
+    observations.values.fill(None);
+    observations.colours.fill(None);
+    let error = estimate(&model, &observations, &settings(), &|_| ()).unwrap_err();
+    assert!(matches!(error, EstimateError::Unobserved), "{error}");
 }
 
 #[test]
@@ -54,23 +64,38 @@ fn estimates_material_and_light_of_a_ball() {
     let observations = observations(&photograph(2, Vec3::ONE));
     let stages = Mutex::new(Vec::new());
     let found = estimate(&model, &observations, &settings(), &|stage| stages.lock().unwrap().push(stage)).unwrap();
-    assert_eq!(*stages.lock().unwrap(), [Stage::Material, Stage::Transfer, Stage::Light, Stage::Colours]);
+    assert_eq!(
+        *stages.lock().unwrap(),
+        [EstimateStage::Material, EstimateStage::Transfer, EstimateStage::Light, EstimateStage::Colours]
+    );
 
     let material = &found.material;
     for table in material.ends.tables.iter().chain([&material.table]) {
         assert!((table.normal_albedo() - ALBEDO).abs() < 1e-6);
     }
     let ordered = |c: usize| material.quantiles.windows(2).all(|pair| pair[0][c] < pair[1][c]);
-    assert!(material.quantiles.len() == SHARES.len() && trusted_cells().all(ordered));
-    assert!(material.gloss.windows(2).all(|pair| pair[0] < pair[1]), "{:?}", material.gloss);
-    assert!((0.0..=1.0).contains(&material.open) && material.filled < material.normals);
+    assert!(material.quantiles.len() == QUANTILE_LEVELS.len() && trusted_cells().all(ordered));
+    assert!(material.peak_to_body.windows(2).all(|pair| pair[0] < pair[1]), "{:?}", material.peak_to_body);
+    assert!((0.0..=1.0).contains(&material.undetermined_share) && material.filled_cells < material.disk_cells);
+
+    // BRDF and light in colour have the luminance of table and light.
+    let brdf = BivariateTable::luminance(&found.brdf());
+    assert!(brdf.as_slice().iter().zip(material.table.as_slice()).all(|(a, b)| (a / b - 1.0).abs() < 1e-3));
+    let coloured = found.light_in_colour();
+    let luminances = coloured.texels().iter().zip(found.light.grid.texels());
+    assert!(luminances.into_iter().all(|(a, b)| (luminance(*a) - luminance(*b)).abs() < 1e-3 * (1.0 + luminance(*b))));
 
     // Table and light together reproduce the photograph.
-    let all = predict(observations.seen(), &material.table, &found.light.grid, QuadratureSettings::default());
+    let all = predict(
+        observations.points_with_visibility(),
+        &material.table,
+        &found.light.grid,
+        QuadratureSettings::default(),
+    );
     let (mut off, mut sum) = (0.0, 0.0);
     for (prediction, value) in all.iter().zip(&observations.values) {
         if let Some(value) = value {
-            off += (prediction.seen - value).powi(2);
+            off += (prediction.shadowed - value).powi(2);
             sum += value * value;
         }
     }
@@ -99,10 +124,10 @@ fn samples_lie_near_the_truth_and_depend_on_the_seed() {
     let samples = material.samples(&model, 50, 7).unwrap();
     assert_eq!(samples, material.samples(&model, 50, 7).unwrap());
     assert_ne!(samples, material.samples(&model, 50, 8).unwrap());
-    let place = &WORLD.places[1];
+    let place = &WORLD.coordinates[1];
     for sample in &samples {
         assert!((sample.normal_albedo() - ALBEDO).abs() < 1e-4);
-        for (a, b) in WORLD.coordinates.of(sample).iter().zip(place) {
+        for (a, b) in WORLD.latent_space.of(sample).iter().zip(place) {
             assert!((a - b).abs() < 0.4, "{a} {b}");
         }
     }
@@ -187,7 +212,7 @@ fn known_light_recovers_each_channel() {
         (0..points.len()).map(|i| Vec3::from_array([0, 1, 2].map(|c| image[c][i] as f32))).collect();
     let observations = Observations::of_points(points, &pixels);
     let given = (&map, Alignment::Fixed);
-    let found = estimate_under(&model, &observations, given, &ColouringRule::default(), &|_| ()).unwrap();
+    let found = estimate_known_light(&model, &observations, given, &ColouringRule::default(), &|_| ()).unwrap();
     let tables = found.colouring.field().tables(&found.material.table);
     // The common scale is free.
     let sums = [&tables, &channels].map(|rgb| BivariateTable::luminance(rgb).normal_albedo());
@@ -204,7 +229,7 @@ fn known_light_recovers_each_channel() {
     let body = found.colouring.field().body(&found.material.table);
     assert!(body.distance(truth) < 0.25, "{body:?} {truth:?}");
     // A grey estimate has a larger misfit under the same light.
-    let grey = estimate_under(&model, &observations, given, &ColouringRule::Grey, &|_| ()).unwrap();
+    let grey = estimate_known_light(&model, &observations, given, &ColouringRule::Grey, &|_| ()).unwrap();
     assert!(found.misfit < 0.5 * grey.misfit, "{} {}", found.misfit, grey.misfit);
 }
 
@@ -214,7 +239,7 @@ fn rejects_unsupported_grids_and_models_without_a_posterior() {
     for side in [0, 3, 2, 32] {
         let wrong = EstimateSettings { side, ..settings() };
         let error = estimate(&whole, &observations, &wrong, &|_| ()).unwrap_err();
-        assert!(matches!(error, EstimateError::Grid { most: 16, .. }), "{error}");
+        assert!(matches!(error, EstimateError::Grid { max: 16, .. }), "{error}");
     }
     let bare = Model { learnt: None, ..whole };
     assert!(matches!(estimate(&bare, &observations, &settings(), &|_| ()), Err(EstimateError::NotLearnt)));
@@ -225,11 +250,11 @@ fn known_light_recovers_material_and_scale() {
     let (model, observations) = (model(2), observations(&photograph(2, Vec3::ONE)));
     let under = |light: &EnvironmentMap| {
         let given = (light, Alignment::default());
-        estimate_under(&model, &observations, given, &ColouringRule::default(), &|_| ()).unwrap()
+        estimate_known_light(&model, &observations, given, &ColouringRule::default(), &|_| ()).unwrap()
     };
     let found = under(&light_map(100));
     let truth = WORLD.table(&WORLD.entries[2]);
-    assert!(found.diagnostics().is_empty() && found.settled && found.misfit < 0.05, "{}", found.misfit);
+    assert!(found.diagnostics().is_empty() && found.converged && found.misfit < 0.05, "{}", found.misfit);
     let albedo = found.exposure * ALBEDO / truth.normal_albedo();
     assert!((albedo - 1.0).abs() < 0.05, "{albedo}");
     let ordered = |c: usize| found.material.quantiles.windows(2).all(|pair| pair[0][c] < pair[1][c]);
@@ -255,7 +280,7 @@ fn seen(model: &Model, material: usize, light: u64) -> Likelihood {
     let map = light_map(light);
     let picture = render_sphere(&table, &LightTree::of_map(&map), &settings, &|_| ());
     let given = (&map, Alignment::Fixed);
-    let found = estimate_under(model, &observations(&picture), given, &ColouringRule::Grey, &|_| ()).unwrap();
+    let found = estimate_known_light(model, &observations(&picture), given, &ColouringRule::Grey, &|_| ()).unwrap();
     found.material.posterior.likelihood
 }
 
@@ -304,8 +329,13 @@ fn rejects_likelihoods_without_a_product() {
 
 #[test]
 fn diagnostics_contain_their_percentages() {
-    let text = [Diagnostic::Filled(0.4), Diagnostic::Strange(0.12), Diagnostic::Open(0.6), Diagnostic::Scatter(0.23)]
-        .map(|d| d.to_string());
+    let text = [
+        Diagnostic::Filled(0.4),
+        Diagnostic::OutOfDistribution(0.12),
+        Diagnostic::Undetermined(0.6),
+        Diagnostic::Scatter(0.23),
+    ]
+    .map(|d| d.to_string());
     assert!(text[0].contains("40 %") && text[1].contains("12 %") && text[2].contains("60 %"), "{text:?}");
     assert!(text[3].contains("23 %"), "{text:?}");
 }

@@ -8,7 +8,7 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::{Estimate, EstimateError, EstimateSettings, Stage};
+use super::{Estimate, EstimateError, EstimateSettings, EstimateStage};
 use crate::lighting::LightGrid;
 use crate::model::Model;
 use crate::picture::luminance;
@@ -16,7 +16,7 @@ use crate::scene::Observations;
 
 /// Estimate of one of several regions.
 #[derive(Clone, Debug)]
-pub struct Beside {
+pub struct RegionEstimate {
     /// Material, light and colours, estimated from this region alone.
     pub estimate: Estimate,
     /// Albedo relative to that of the brightest region, in 0..=1.
@@ -27,15 +27,12 @@ pub struct Beside {
 ///
 /// # Errors
 /// Those of [`estimate`](super::estimate), with the index of the region.
-///
-/// # Panics
-/// If nothing is observed of a region.
-pub fn estimate_together(
+pub fn estimate_regions(
     model: &Model,
     regions: &[&Observations],
     settings: &EstimateSettings,
-    progress: &(dyn Fn(Stage) + Sync),
-) -> Result<Vec<Beside>, (usize, EstimateError)> {
+    progress: &(dyn Fn(EstimateStage) + Sync),
+) -> Result<Vec<RegionEstimate>, (usize, EstimateError)> {
     let alone = |(at, region): (usize, &&Observations)| {
         super::estimate(model, region, settings, progress).map_err(|error| (at, error))
     };
@@ -44,7 +41,7 @@ pub fn estimate_together(
     // brighter light therefore has a larger albedo.
     let brightness: Vec<f64> = all.par_iter().map(|one| irradiance(&one.light.grid)).collect();
     let brightest = brightness.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
-    let beside = |(estimate, own)| Beside { estimate, relative_albedo: own / brightest };
+    let beside = |(estimate, own)| RegionEstimate { estimate, relative_albedo: own / brightest };
     Ok(all.into_iter().zip(brightness).map(beside).collect())
 }
 

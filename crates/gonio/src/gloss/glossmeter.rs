@@ -15,7 +15,7 @@ const SOURCE: (f64, f64) = (0.75, 2.5);
 
 /// Number of steps over the receptor in the plane of incidence, and over half of it across. The
 /// steps are densest around the mirror direction, where highlights are narrow.
-const STEPS: (usize, usize) = (240, 120);
+const RECEPTOR_STEPS: (usize, usize) = (240, 120);
 
 /// Glossmeter according to ASTM D523 (ISO 2813).
 ///
@@ -50,9 +50,9 @@ impl Glossmeter {
         let scale = 100.0 / fresnel_dielectric(incidence.cos(), GLASS);
         let (along, across) = (Window::new(SOURCE.0, receptor.0), Window::new(SOURCE.1, receptor.1));
         let mut weights = BTreeMap::new();
-        for (u, du) in along.nodes(STEPS.0) {
+        for (u, du) in along.nodes(RECEPTOR_STEPS.0) {
             // The other half across the plane of incidence is symmetric, hence the factor of two.
-            for (v, dv) in across.nodes(2 * STEPS.1).filter(|node| node.0 > 0.0) {
+            for (v, dv) in across.nodes(2 * RECEPTOR_STEPS.1).filter(|node| node.0 > 0.0) {
                 let (sin, cos) = (incidence + u).sin_cos();
                 let view = DVec3::new(sin * v.cos(), v.sin(), cos * v.cos());
                 let sum = light + view;

@@ -10,7 +10,7 @@ const DIFFERENCES: [usize; 5] = [0, 5, 10, 15, 20];
 
 /// Range of half angles (degrees) of the floor below the highlight. With the difference angles
 /// above, light and view stay above the horizon at all azimuths.
-const FLOOR: (f64, f64) = (45.0, 60.0);
+const FLOOR_ANGLES: (f64, f64) = (45.0, 60.0);
 
 /// Relative excess of the peak over the floor that a highlight requires.
 const CONTRAST: f64 = 0.02;
@@ -19,7 +19,7 @@ const CONTRAST: f64 = 0.02;
 const NARROWEST: f64 = 0.001;
 
 /// Number of equal logarithmic steps from the narrowest width to one.
-const STEPS: usize = 72;
+const WIDTH_STEPS: usize = 72;
 
 /// Number of azimuths over which a lobe is averaged. A lobe is smooth in azimuth.
 const AZIMUTHS: usize = 12;
@@ -51,13 +51,13 @@ impl GgxWidths {
     /// Computes the half widths of lobes of all widths.
     pub fn new() -> Self {
         let entry = |step: usize| {
-            let log = NARROWEST.ln() * (1.0 - step as f64 / STEPS as f64);
+            let log = NARROWEST.ln() * (1.0 - step as f64 / WIDTH_STEPS as f64);
             Some((half_width(&lobe(log.exp()))?.ln(), log))
         };
         // The widest lobes have no peak along the normal, since masking makes them brighter off the
         // normal. Slightly narrower lobes have a high floor, above which they are no wider than
         // other lobes; they are removed.
-        let mut entries: Vec<(f64, f64)> = (0..=STEPS).map_while(entry).collect();
+        let mut entries: Vec<(f64, f64)> = (0..=WIDTH_STEPS).map_while(entry).collect();
         entries.dedup_by(|next, last| next.0 <= last.0);
         Self { entries }
     }
@@ -99,14 +99,14 @@ fn lobe(alpha: f64) -> Vec<f64> {
 /// Returns the mean over the difference angles, for each half angle up to the end of the floor.
 fn profile(cell: impl Fn(usize, usize) -> f64) -> Vec<f64> {
     (0..)
-        .take_while(|&i| theta_h_of(i).to_degrees() <= FLOOR.1)
+        .take_while(|&i| theta_h_of(i).to_degrees() <= FLOOR_ANGLES.1)
         .map(|i| DIFFERENCES.iter().map(|&j| cell(i, j)).sum::<f64>() / DIFFERENCES.len() as f64)
         .collect()
 }
 
 /// Returns the half angle that contains half of the squared highlight; `None` without a highlight.
 fn half_width(profile: &[f64]) -> Option<f64> {
-    let first = (0..profile.len()).find(|&i| theta_h_of(i).to_degrees() >= FLOOR.0)?;
+    let first = (0..profile.len()).find(|&i| theta_h_of(i).to_degrees() >= FLOOR_ANGLES.0)?;
     let floor = profile[first..].iter().sum::<f64>() / (profile.len() - first) as f64;
     // The negated condition also rejects NaN.
     if !(profile[0] > (1.0 + CONTRAST) * floor && profile[0].is_finite()) {
@@ -163,7 +163,7 @@ mod tests {
         let entries = GgxWidths::new().entries;
         assert!(entries.windows(2).all(|pair| pair[0].0 < pair[1].0 && pair[0].1 < pair[1].1));
         // Only steps of the widest lobes are removed.
-        assert!(entries.len() > STEPS - 7 && entries[0].1.exp() < 1.001 * NARROWEST, "{}", entries.len());
+        assert!(entries.len() > WIDTH_STEPS - 7 && entries[0].1.exp() < 1.001 * NARROWEST, "{}", entries.len());
     }
 
     #[test]

@@ -5,14 +5,14 @@ use super::component_switch::component_switch;
 use super::coordinate::round;
 use super::grams::Grams;
 use super::variational::{Run, SETTLED, VariationalSettings};
-use super::{Ensemble, Expectations, Problem};
+use super::{Expectations, Problem, VariationalParameters};
 
 /// Change of `C_KL`, in nats, below which the noise is lowered.
 const ROUGH: f64 = 1.0;
 /// Change of `Phi_5` below which the noise becomes one of the blocks.
 const NOISE_SETTLED: f64 = 0.1;
 /// Number of rounds between component switches.
-const LEAP: usize = 4;
+const SWITCH_INTERVAL: usize = 4;
 
 /// Runs rounds of exact minimisation and Newton steps, with component switches between them.
 ///
@@ -21,13 +21,13 @@ const LEAP: usize = 4;
 /// and the rounds continue to the tolerance.
 pub(super) fn run(
     problem: &Problem<'_>,
-    ensemble: Ensemble,
+    ensemble: VariationalParameters,
     grams: &Grams,
     settings: &VariationalSettings,
     progress: &dyn Fn(f64),
 ) -> Run {
     let start = Expectations::new(problem, &ensemble).cost(problem);
-    let (mut ensemble, mut cost) = leap_all(problem, &ensemble, grams);
+    let (mut ensemble, mut cost) = switch_all_components(problem, &ensemble, grams);
     let mut trace = vec![start];
     let (mut near, mut settled) = (false, 0);
     while trace.len() <= settings.max_iterations {
@@ -37,9 +37,9 @@ pub(super) fn run(
         progress(trace.len() as f64 / (settings.max_iterations + 1) as f64);
         let (tolerance, enough) = if near { (settings.tolerance, SETTLED) } else { (settings.tolerance.max(ROUGH), 1) };
         settled = if (before - cost).abs() < tolerance { settled + 1 } else { 0 };
-        if settled >= enough || trace.len() % LEAP == 0 {
+        if settled >= enough || trace.len() % SWITCH_INTERVAL == 0 {
             let before = cost;
-            (ensemble, cost) = leap_all(problem, &ensemble, grams);
+            (ensemble, cost) = switch_all_components(problem, &ensemble, grams);
             if before - cost >= tolerance {
                 settled = 0;
             }
@@ -60,7 +60,11 @@ pub(super) fn run(
 }
 
 /// Moves every light coefficient to its best component. Returns the ensemble and its cost.
-fn leap_all(problem: &Problem<'_>, ensemble: &Ensemble, grams: &Grams) -> (Ensemble, f64) {
+fn switch_all_components(
+    problem: &Problem<'_>,
+    ensemble: &VariationalParameters,
+    grams: &Grams,
+) -> (VariationalParameters, f64) {
     let now = Expectations::new(problem, ensemble);
     let (ensemble, now) = component_switch(problem, ensemble, now, &grams.columns);
     let cost = now.cost(problem);

@@ -8,7 +8,7 @@
 use super::ensemble::AllMoments;
 use super::expectations::{Expectations, expected_precision};
 use super::grams::{Columns, pull_weights};
-use super::{Ensemble, Problem};
+use super::{Problem, VariationalParameters};
 use crate::lighting::{CoefficientPrior, Moments, ScaleMixture};
 use crate::transfer::kernels::{axpy, dispatch, dot};
 
@@ -24,19 +24,19 @@ const GAIN: f64 = 1e-9;
 #[derive(Clone, Copy)]
 pub(super) struct CoordinateObjective<'a> {
     pub(super) mixture: &'a ScaleMixture,
-    pub(super) stiffness: f64,
-    pub(super) push: f64,
+    pub(super) precision: f64,
+    pub(super) linear: f64,
 }
 
 impl CoordinateObjective<'_> {
     fn cost(&self, l: &Moments) -> f64 {
         let square = l.mean_square();
-        l.mean_log + 0.5 * self.stiffness * square - self.push * l.mean - self.mixture.log_density_of_square(square)
+        l.mean_log + 0.5 * self.precision * square - self.linear * l.mean - self.mixture.log_density_of_square(square)
     }
 
     /// Returns mean and variance, given the precision of the prior.
     fn given(&self, prior: f64) -> Moments {
-        Moments::gaussian(self.push / (self.stiffness + prior), 1.0 / (self.stiffness + prior))
+        Moments::gaussian(self.linear / (self.precision + prior), 1.0 / (self.precision + prior))
     }
 
     /// Returns the result of coordinate descent from the prior precision `prior`.
@@ -72,10 +72,10 @@ impl CoordinateObjective<'_> {
 /// the expectations of `ensemble`; the returned expectations are those of the returned ensemble.
 pub(super) fn component_switch(
     problem: &Problem<'_>,
-    ensemble: &Ensemble,
+    ensemble: &VariationalParameters,
     now: Expectations,
     columns: &Columns,
-) -> (Ensemble, Expectations) {
+) -> (VariationalParameters, Expectations) {
     let mut next = ensemble.clone();
     let AllMoments { f, l, g, precision } = &now.moments;
     let (f_means, g2) = (now.moments.f_means(), g.mean_square());
@@ -88,7 +88,8 @@ pub(super) fn component_switch(
         pull_weights(problem, &now, &a, &y, &mut weights);
         let pull = dispatch(|| dot(column, &weights));
         let stiffness = precision * g2 * stiffness[m];
-        let alone = CoordinateObjective { mixture, stiffness, push: precision * pull + stiffness * l[m].mean };
+        let alone =
+            CoordinateObjective { mixture, precision: stiffness, linear: precision * pull + stiffness * l[m].mean };
         let (best, cost) = alone.best();
         if alone.cost(&l[m]) - cost <= GAIN {
             continue;
@@ -108,9 +109,13 @@ pub(super) fn component_switch(
 ///
 /// Each minimisation uses the old values of the others. The function changes nothing if the result
 /// does not lower the cost.
-pub(super) fn leap_at_once(problem: &Problem<'_>, ensemble: &Ensemble, now: Expectations) -> (Ensemble, Expectations) {
+pub(super) fn switch_components_jointly(
+    problem: &Problem<'_>,
+    ensemble: &VariationalParameters,
+    now: Expectations,
+) -> (VariationalParameters, Expectations) {
     let mut next = ensemble.clone();
-    for (m, alone) in alone(problem, &now) {
+    for (m, alone) in coordinate_objectives(problem, &now) {
         let (best, cost) = alone.best();
         if alone.cost(&now.moments.l[m]) - cost > GAIN {
             next.set_l(m, best.mean / best.variance, 1.0 / best.variance);
@@ -121,7 +126,7 @@ pub(super) fn leap_at_once(problem: &Problem<'_>, ensemble: &Ensemble, now: Expe
 }
 
 /// Returns the one-coefficient problems of all light coefficients with mixture priors.
-pub(super) fn alone<'a>(
+pub(super) fn coordinate_objectives<'a>(
     problem: &'a Problem<'_>,
     now: &'a Expectations,
 ) -> impl Iterator<Item = (usize, CoordinateObjective<'a>)> + 'a {
@@ -130,7 +135,14 @@ pub(super) fn alone<'a>(
     problem.light.iter().enumerate().filter_map(move |(i, prior)| {
         let CoefficientPrior::Mixture(mixture) = prior else { return None };
         let m = i + 1;
-        let stiffness = precision * g.mean_square() * pull.stiffness[m];
-        Some((m, CoordinateObjective { mixture, stiffness, push: precision * pull.light[m] + stiffness * l[m].mean }))
+        let stiffness = precision * g.mean_square() * pull.curvature[m];
+        Some((
+            m,
+            CoordinateObjective {
+                mixture,
+                precision: stiffness,
+                linear: precision * pull.light[m] + stiffness * l[m].mean,
+            },
+        ))
     })
 }

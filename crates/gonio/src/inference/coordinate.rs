@@ -6,8 +6,8 @@
 use super::ensemble::AllMoments;
 use super::expectations::Sums;
 use super::grams::Grams;
-use super::light_system::{LightSystem, settle_coefficient};
-use super::{Ensemble, Problem, newton};
+use super::light_system::{LightSystem, minimise_coefficient};
+use super::{Problem, VariationalParameters, newton};
 use crate::lighting::Moments;
 
 /// Quadratic form of the residual in the reflectance coefficients, with the light marginalised
@@ -127,7 +127,7 @@ impl ReflectanceSystem {
 
 /// State of q, with its basis images and residual.
 pub(crate) struct Point {
-    pub(crate) ensemble: Ensemble,
+    pub(crate) ensemble: VariationalParameters,
     /// Moments of the ensemble.
     pub(crate) moments: AllMoments,
     /// The image of each basis function under the light (rows x K).
@@ -137,7 +137,7 @@ pub(crate) struct Point {
 }
 
 impl Point {
-    pub(crate) fn new(problem: &Problem<'_>, ensemble: Ensemble, grams: &Grams) -> Self {
+    pub(crate) fn new(problem: &Problem<'_>, ensemble: VariationalParameters, grams: &Grams) -> Self {
         let moments = ensemble.moments(problem);
         let a = problem.bilinear.under_light(&moments.l_means());
         let system = ReflectanceSystem::new(problem, &a, &moments.l, grams);
@@ -171,14 +171,18 @@ impl Point {
 /// Minimises over the light given all else.
 ///
 /// Returns the ensemble and the linear system of the light.
-pub(super) fn settle_light(problem: &Problem<'_>, ensemble: &Ensemble, grams: &Grams) -> (Ensemble, LightSystem) {
+pub(super) fn minimise_light(
+    problem: &Problem<'_>,
+    ensemble: &VariationalParameters,
+    grams: &Grams,
+) -> (VariationalParameters, LightSystem) {
     let moments = ensemble.moments(problem);
     let mut next = ensemble.clone();
     let mut light = LightSystem::new(problem, &moments, grams);
-    let (means, precisions) = light.settle(problem, &moments, |m, stiffness, push| {
-        settle_coefficient(problem, &mut next, m, (stiffness, push), moments.l[m]).mean
+    let (means, precisions) = light.minimise(problem, &moments, |m, curvature, push| {
+        minimise_coefficient(problem, &mut next, m, (curvature, push), moments.l[m]).mean
     });
-    for m in (1..problem.m()).filter(|&m| !light.is_alone(m)) {
+    for m in (1..problem.m()).filter(|&m| !light.is_excluded(m)) {
         next.set_l(m, means[m] * precisions[m], precisions[m]);
     }
     (next, light)
@@ -188,9 +192,14 @@ pub(super) fn settle_light(problem: &Problem<'_>, ensemble: &Ensemble, grams: &G
 ///
 /// A round minimises over the light, takes a Newton step in all variables, and minimises over
 /// reflectance and exposure given the light, and over the noise if `noise` is true.
-pub(crate) fn round(problem: &Problem<'_>, ensemble: &Ensemble, grams: &Grams, noise: bool) -> (Ensemble, f64) {
+pub(crate) fn round(
+    problem: &Problem<'_>,
+    ensemble: &VariationalParameters,
+    grams: &Grams,
+    noise: bool,
+) -> (VariationalParameters, f64) {
     let mut point = if problem.m() > 1 {
-        let (next, light) = settle_light(problem, ensemble, grams);
+        let (next, light) = minimise_light(problem, ensemble, grams);
         newton::advance(problem, Point::new(problem, next, grams), &light, noise)
     } else {
         Point::new(problem, ensemble.clone(), grams)
@@ -206,7 +215,7 @@ pub(crate) fn round(problem: &Problem<'_>, ensemble: &Ensemble, grams: &Grams, n
 /// the cost is
 /// `c sum_k lambda_k <f_k> + lambda_g <g> / c - (K - 1) log c`, whose minimum has a closed form.
 /// The other steps advance only slowly along this ridge.
-fn best_scale(problem: &Problem<'_>, ensemble: &Ensemble) -> f64 {
+fn best_scale(problem: &Problem<'_>, ensemble: &VariationalParameters) -> f64 {
     let f: f64 = problem.rates.iter().enumerate().map(|(k, rate)| rate * ensemble.f_moments(k).mean).sum();
     let g = problem.hyper.exposure_rate * ensemble.g_moments().mean;
     let others = problem.k() as f64 - 1.0;

@@ -13,7 +13,7 @@ use crate::lighting::{CoefficientPrior, Moments, RectifiedGaussian};
 /// Layout of the flat vector: `Phi_1` (K), `Phi_2` (K), `Phi_3` (M - 1), `Phi_4` (M - 1), `Phi_5`,
 /// `Phi_6`, `Phi_7`.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Ensemble {
+pub struct VariationalParameters {
     k: usize,
     light: usize,
     phi: Vec<f64>,
@@ -29,7 +29,7 @@ pub(crate) enum Part {
     Noise,
 }
 
-/// Means and variances of all unknowns, from [`Ensemble::moments`].
+/// Means and variances of all unknowns, from [`VariationalParameters::moments`].
 #[derive(Clone, Debug)]
 pub(crate) struct AllMoments {
     pub(crate) f: Vec<Moments>,
@@ -50,7 +50,7 @@ impl AllMoments {
     }
 }
 
-impl Ensemble {
+impl VariationalParameters {
     /// Draws a random start: a random reflectance and a random light, all variances `variance`
     /// (paper 3.4: 0.1, "relatively large"); exposure `u = 1, w = 10`; `<sigma^-2> = 1`.
     pub fn random(problem: &Problem<'_>, variance: f64, rng: &mut Pcg64) -> Self {

@@ -23,7 +23,7 @@ fn log_joint(problem: &Problem<'_>, f: &[f64], l: &[f64], g: f64, precision: f64
     let exponential = |rate: f64, x: f64| rate.ln() - rate * x;
     let reflectance: f64 = problem.rates.iter().zip(f).map(|(rate, f)| exponential(*rate, *f)).sum();
     let light: f64 = problem.light.iter().zip(&l[1..]).map(|(prior, l)| prior.log_density(*l)).sum();
-    let Hyper { exposure_rate, noise_shape, noise_rate } = problem.hyper;
+    let Hyperparameters { exposure_rate, noise_shape, noise_rate } = problem.hyper;
     likelihood + reflectance + light + exponential(exposure_rate, g) + log_gamma(precision, noise_shape, noise_rate)
 }
 
@@ -32,7 +32,7 @@ fn log_gamma(x: f64, shape: f64, rate: f64) -> f64 {
 }
 
 /// Minimises the cost over all factors. The cost is a bound at any stopping point.
-fn settled(problem: &Problem<'_>, mut ensemble: Ensemble) -> (Ensemble, f64) {
+fn settled(problem: &Problem<'_>, mut ensemble: VariationalParameters) -> (VariationalParameters, f64) {
     let grams = grams::Grams::new(problem);
     let mut cost = f64::INFINITY;
     for _ in 0..1000 {
@@ -93,12 +93,12 @@ fn log_evidence(problem: &Problem<'_>) -> f64 {
 }
 
 /// Gap between the cost at convergence and minus the log evidence.
-fn gap(pixels: usize, noise: f64, rate: f64, hyper: Hyper) -> f64 {
+fn gap(pixels: usize, noise: f64, rate: f64, hyper: Hyperparameters) -> f64 {
     let image = single(pixels, noise);
     let problem = Problem::with_known_light(&image, &[rate], hyper).unwrap();
     // Steps along the ridge `g f = const` are short, so the start is where the priors balance, with
     // g near its final value.
-    let mut ensemble = Ensemble::at(&[1.0], &[], 0.1);
+    let mut ensemble = VariationalParameters::at(&[1.0], &[], 0.1);
     let g = (rate / hyper.exposure_rate).sqrt();
     ensemble.set_g(1e4 / g, 1e4 / (g * g));
     settled(&problem, ensemble).1 + log_evidence(&problem)
@@ -106,7 +106,8 @@ fn gap(pixels: usize, noise: f64, rate: f64, hyper: Hyper) -> f64 {
 
 #[test]
 fn the_cost_is_never_below_minus_the_log_evidence() {
-    for hyper in [Hyper::default(), Hyper { exposure_rate: 1.0, noise_shape: 2.0, noise_rate: 0.1 }] {
+    for hyper in [Hyperparameters::default(), Hyperparameters { exposure_rate: 1.0, noise_shape: 2.0, noise_rate: 0.1 }]
+    {
         for (rate, pixels, noise) in [(1.0, 20, 0.1), (5.0, 20, 1.0), (1.0, 4, 3.0), (5.0, 4, 0.3)] {
             let gap = gap(pixels, noise, rate, hyper);
             assert!((-1e-6..6.0).contains(&gap), "{hyper:?} {rate} {pixels} {noise}: {gap}");
@@ -119,7 +120,7 @@ fn the_cost_is_never_below_minus_the_log_evidence() {
 /// likelihood couples `f` and `g`.
 #[test]
 fn the_bound_is_tight_where_the_posterior_is_separable() {
-    let hyper = Hyper { exposure_rate: 5.0, noise_shape: 50.0, noise_rate: 50.0 };
+    let hyper = Hyperparameters { exposure_rate: 5.0, noise_shape: 50.0, noise_rate: 50.0 };
     let gaps = [0.1, 1.0, 3.0].map(|noise| gap(4, noise, 5.0, hyper));
     assert!(gaps[0] < 0.05 && gaps[1] < 0.02 && gaps[2] < 1e-3, "{gaps:?}");
     assert!(gaps.iter().all(|g| *g > -1e-6), "{gaps:?}");
@@ -131,7 +132,7 @@ fn the_bound_is_tight_where_the_posterior_is_separable() {
 /// `log 10`.
 #[test]
 fn gap_grows_as_q_covers_less_of_the_ridge() {
-    let gaps = [0.1, 0.01].map(|noise| gap(20, noise, 1.0, Hyper::default()));
+    let gaps = [0.1, 0.01].map(|noise| gap(20, noise, 1.0, Hyperparameters::default()));
     assert!((gaps[1] - gaps[0] - std::f64::consts::LN_10).abs() < 0.05, "{gaps:?}");
 }
 
@@ -144,10 +145,10 @@ struct Factors {
 }
 
 impl Factors {
-    fn of(problem: &Problem<'_>, ensemble: &Ensemble) -> Self {
+    fn of(problem: &Problem<'_>, ensemble: &VariationalParameters) -> Self {
         let (k, light) = (problem.k(), problem.light.len());
         // All entries of its Phi are zero except those of the exposure, which are added back below.
-        let zero = Ensemble::at(&vec![0.0; k], &vec![0.0; light], 1.0);
+        let zero = VariationalParameters::at(&vec![0.0; k], &vec![0.0; light], 1.0);
         let mut phi = ensemble.minus(&zero);
         let noise = ensemble.noise_index();
         phi[noise + 1] += 0.1;
@@ -195,9 +196,9 @@ fn cost_matches_its_expectation_sampled_from_q() {
     planted.rates = vec![0.7, 3.0];
     planted.image.outside = 0.02 * planted.image.energy();
     planted.image.pixels += 7;
-    let hyper = Hyper { exposure_rate: 0.4, noise_shape: 1.5, noise_rate: 0.2 };
+    let hyper = Hyperparameters { exposure_rate: 0.4, noise_shape: 1.5, noise_rate: 0.2 };
     let problem = Problem::blind(&planted.image, &planted.prior, &planted.rates, hyper).unwrap();
-    let (ensemble, cost) = settled(&problem, Ensemble::at(&[1.0, 1.0], &[0.0; 15], 0.1));
+    let (ensemble, cost) = settled(&problem, VariationalParameters::at(&[1.0, 1.0], &[0.0; 15], 0.1));
     let q = Factors::of(&problem, &ensemble);
     let mut rng = Pcg64::seed_from_u64(9);
     let gamma = Gamma::new(q.noise.0, 1.0 / q.noise.1).unwrap();

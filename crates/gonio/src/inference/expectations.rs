@@ -11,7 +11,7 @@
 use puruspe::ln_gamma;
 
 use super::ensemble::AllMoments;
-use super::{Ensemble, Problem};
+use super::{Problem, VariationalParameters};
 use crate::lighting::{CoefficientPrior, Moments, ScaleMixture};
 
 /// Moments of q, and the expectations under q that determine the residual of eq. 9 and the cost.
@@ -76,16 +76,16 @@ impl Sums {
 
 /// Gradient and diagonal curvature of the expected log likelihood in the light, without the factor
 /// `<sigma^-2>`.
-pub(crate) struct Pull {
+pub(crate) struct DataGradient {
     /// `sum_i { <g> I_i b_im - <g^2> [b_im y_i + sum_k vf_k A_imk a_ik] }`.
     pub(crate) light: Vec<f64>,
     /// `S_m = sum_i [b_im^2 + sum_k vf_k A_imk^2]`.
-    pub(crate) stiffness: Vec<f64>,
+    pub(crate) curvature: Vec<f64>,
 }
 
 impl Expectations {
     /// Computes the expectations under the moments of an ensemble, in two passes over the operator.
-    pub fn new(problem: &Problem<'_>, ensemble: &Ensemble) -> Self {
+    pub fn new(problem: &Problem<'_>, ensemble: &VariationalParameters) -> Self {
         Self::of_moments(problem, ensemble.moments(problem))
     }
 
@@ -97,7 +97,7 @@ impl Expectations {
 
     /// Recomputes the expectations under the moments of another ensemble: one pass for the means of
     /// light, one for those of reflectance, and none for means that have not changed.
-    pub(crate) fn after(self, problem: &Problem<'_>, ensemble: &Ensemble) -> Self {
+    pub(crate) fn after(self, problem: &Problem<'_>, ensemble: &VariationalParameters) -> Self {
         let moments = ensemble.moments(problem);
         let (mf, ml) = (moments.f_means(), moments.l_means());
         let a = if ml == self.moments.l_means() { self.a } else { problem.bilinear.under_light(&ml) };
@@ -133,7 +133,7 @@ impl Expectations {
     }
 
     /// `Phi*`: every parameter updated from the present state (Algorithm 1, "Update").
-    pub fn update(&self, problem: &Problem<'_>, ensemble: &Ensemble) -> Ensemble {
+    pub fn update(&self, problem: &Problem<'_>, ensemble: &VariationalParameters) -> VariationalParameters {
         let (k_count, m_count) = (problem.k(), problem.m());
         let mut next = ensemble.clone();
         let AllMoments { f, l, g, precision } = &self.moments;
@@ -149,8 +149,8 @@ impl Expectations {
         }
         for (m, l) in l.iter().enumerate().skip(1) {
             let (prior_natural, prior_precision) = prior_pull(problem.light[m - 1], l);
-            let natural = precision * (pull.light[m] + g2 * pull.stiffness[m] * l.mean) + prior_natural;
-            next.set_l(m, natural, precision * g2 * pull.stiffness[m] + prior_precision);
+            let natural = precision * (pull.light[m] + g2 * pull.curvature[m] * l.mean) + prior_natural;
+            next.set_l(m, natural, precision * g2 * pull.curvature[m] + prior_precision);
         }
         next.set_g(precision * self.sums.iy - problem.hyper.exposure_rate, precision * self.sums.q);
         next.set_log_noise(self.sums.best_log_noise(problem, g));
@@ -159,7 +159,7 @@ impl Expectations {
 
     /// Gradient and curvature of the data term in the light, given all else: one pass over the
     /// operator.
-    pub(crate) fn pull(&self, problem: &Problem<'_>) -> Pull {
+    pub(crate) fn pull(&self, problem: &Problem<'_>) -> DataGradient {
         let k_count = problem.k();
         let AllMoments { f, g, .. } = &self.moments;
         let weights = self.weights(problem);
@@ -170,10 +170,10 @@ impl Expectations {
             x.iter_mut().zip(f).for_each(|(x, f)| *x = f.mean * w - g2 * f.variance * *x);
         }
         let light = problem.bilinear.light_adjoint(&x);
-        Pull { light, stiffness: self.stiffness(problem) }
+        DataGradient { light, curvature: self.stiffness(problem) }
     }
 
-    /// `S_m` of [`Pull`], without a pass over the operator.
+    /// `S_m` of [`DataGradient`], without a pass over the operator.
     pub(crate) fn stiffness(&self, problem: &Problem<'_>) -> Vec<f64> {
         let mut stiffness = self.b_square.clone();
         for (f, squares) in self.moments.f.iter().zip(problem.bilinear.squares().chunks_exact(problem.m())) {

@@ -138,7 +138,7 @@ pub(super) fn pull_weights(problem: &Problem<'_>, now: &Expectations, a: &[f64],
 
 #[cfg(test)]
 mod tests {
-    use super::super::Ensemble;
+    use super::super::VariationalParameters;
     use super::super::tests::{planted, start};
     use super::*;
 
@@ -146,7 +146,7 @@ mod tests {
     fn products_match_the_operator() {
         let planted = planted(60, 3, 0.05, 3);
         let problem = planted.problem();
-        let ensemble: Ensemble = start(&planted, 2);
+        let ensemble: VariationalParameters = start(&planted, 2);
         let now = Expectations::new(&problem, &ensemble);
         let grams = Grams::new(&problem);
         let p: Vec<f64> = (0..problem.m()).map(|m| (m as f64).sin()).collect();

@@ -11,7 +11,7 @@ use super::grams::Grams;
 use super::light_system::LightSystem;
 use super::newton::Local;
 use super::parallel::search;
-use super::{Ensemble, Posterior, Problem, StartReport};
+use super::{Posterior, Problem, StartReport, VariationalParameters};
 use crate::lighting::{CoefficientPrior, Moments};
 
 /// Settings of the joint maximum.
@@ -56,7 +56,7 @@ pub(super) fn infer(problem: &Problem<'_>, settings: &JointMapSettings, progress
         .map(|start| {
             let mut rng =
                 rand_pcg::Pcg64::seed_from_u64(settings.seed.wrapping_mul(1_000_003).wrapping_add(start as u64));
-            let random = Ensemble::random(problem, 0.1, &mut rng).moments(problem);
+            let random = VariationalParameters::random(problem, 0.1, &mut rng).moments(problem);
             let at = AllMoments {
                 f: random.f.iter().map(|f| point(f.mean)).collect(),
                 l: random.l.iter().map(|l| point(l.mean)).collect(),
@@ -89,11 +89,11 @@ pub(super) fn infer(problem: &Problem<'_>, settings: &JointMapSettings, progress
 /// rectified coefficients that are cut by their threshold are updated one by one.
 fn settle_light(problem: &Problem<'_>, at: &mut AllMoments, grams: &Grams) -> LightSystem {
     let mut light = LightSystem::new(problem, at, grams);
-    let (means, _) = light.settle(problem, at, |m, stiffness, push| {
+    let (means, _) = light.minimise(problem, at, |m, curvature, push| {
         let CoefficientPrior::Rectified(p) = problem.light[m - 1] else {
             unreachable!("only rectified coefficients are cut")
         };
-        ((push + p.location / p.variance) / (stiffness + 1.0 / p.variance)).max(p.threshold)
+        ((push + p.location / p.variance) / (curvature + 1.0 / p.variance)).max(p.threshold)
     });
     at.l = means.into_iter().map(point).collect();
     light

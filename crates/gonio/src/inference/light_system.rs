@@ -7,7 +7,7 @@ use super::ensemble::AllMoments;
 use super::expectations::{columns_squared, expected_precision, prior_pull};
 use super::grams::{Grams, symmetric_times};
 use super::light::Cholesky;
-use super::{Ensemble, Problem};
+use super::{Problem, VariationalParameters};
 use crate::lighting::{CoefficientPrior, Moments};
 use crate::transfer::kernels::{axpy, dispatch};
 
@@ -21,15 +21,15 @@ pub(crate) struct LightSystem {
     /// `<b><g^2> ( B'B + sum_k vf_k A_k' A_k ) + diag d`, on and below the diagonal.
     curvature: Mat<f64>,
     /// `<b><g^2> S_m`, the contribution of the image to the diagonal of the curvature.
-    stiffness: Vec<f64>,
+    image_curvature: Vec<f64>,
     /// `<b><g> B'I`, plus the pull of rectified priors.
     target: Vec<f64>,
     /// `d`: `sum_n r_n / s_n^2` for mixtures, `1 / s^2` for rectified Gaussians.
     priors: Vec<f64>,
     /// `B` (rows x M).
     b: Vec<f64>,
-    /// See [`Self::is_alone`].
-    alone: Vec<bool>,
+    /// See [`Self::is_excluded`].
+    excluded: Vec<bool>,
     /// See [`Self::factor`].
     factor: Option<Cholesky>,
 }
@@ -39,11 +39,11 @@ impl LightSystem {
         let AllMoments { f, l, g, precision } = moments;
         let b = problem.bilinear.of_reflectance(&moments.f_means());
         let scale = precision * g.mean_square();
-        let mut stiffness = columns_squared(&b, problem.m());
+        let mut image_curvature = columns_squared(&b, problem.m());
         for (f, squares) in f.iter().zip(problem.bilinear.squares().chunks_exact(problem.m())) {
-            stiffness.iter_mut().zip(squares).for_each(|(s, w)| *s += f.variance * w);
+            image_curvature.iter_mut().zip(squares).for_each(|(s, w)| *s += f.variance * w);
         }
-        stiffness.iter_mut().for_each(|s| *s *= scale);
+        image_curvature.iter_mut().for_each(|s| *s *= scale);
         let mut target = vec![0.0; problem.m()];
         dispatch(|| {
             for (row, i) in b.chunks_exact(problem.m()).zip(&problem.target) {
@@ -62,8 +62,9 @@ impl LightSystem {
         }
         let curvature = grams.light_curvature(&b, f, scale, &priors);
         let means = moments.l_means();
-        let mut system = Self { curvature, stiffness, target, priors, b, alone: Vec::new(), factor: None };
-        system.alone = (0..problem.m()).map(|m| m == 0 || system.is_cut(problem, m, means[m], l[m].variance)).collect();
+        let mut system = Self { curvature, image_curvature, target, priors, b, excluded: Vec::new(), factor: None };
+        system.excluded =
+            (0..problem.m()).map(|m| m == 0 || system.is_cut(problem, m, means[m], l[m].variance)).collect();
         system.refactor();
         system
     }
@@ -78,7 +79,7 @@ impl LightSystem {
 
     fn refactor(&mut self) {
         let mut system = self.curvature.clone();
-        for m in (0..self.alone.len()).filter(|&m| self.alone[m]) {
+        for m in (0..self.excluded.len()).filter(|&m| self.excluded[m]) {
             system.row_mut(m).fill(0.0);
             system.col_mut(m).fill(0.0);
             system[(m, m)] = 1.0;
@@ -101,26 +102,26 @@ impl LightSystem {
     /// and computes their precisions `1/w`. Coefficients that are alone are updated one after the
     /// other by `alone(m, 1/w, u/w)`, which receives the contributions of the image and returns the
     /// mean.
-    pub(crate) fn settle(
+    pub(crate) fn minimise(
         &mut self,
         problem: &Problem<'_>,
         moments: &AllMoments,
         mut alone: impl FnMut(usize, f64, f64) -> f64,
     ) -> (Vec<f64>, Vec<f64>) {
-        let precisions: Vec<f64> = self.stiffness.iter().zip(&self.priors).map(|(s, d)| s + d).collect();
+        let precisions: Vec<f64> = self.image_curvature.iter().zip(&self.priors).map(|(s, d)| s + d).collect();
         let start = moments.l_means();
         let mut means = self.solved(&start);
-        let cut = |m: &usize| !self.alone[*m] && self.is_cut(problem, *m, means[*m], 1.0 / precisions[*m]);
+        let cut = |m: &usize| !self.excluded[*m] && self.is_cut(problem, *m, means[*m], 1.0 / precisions[*m]);
         let cut: Vec<usize> = (1..means.len()).filter(cut).collect();
         if !cut.is_empty() {
-            cut.into_iter().for_each(|m| self.alone[m] = true);
+            cut.into_iter().for_each(|m| self.excluded[m] = true);
             self.refactor();
             means = self.solved(&start);
         }
-        for m in (1..means.len()).filter(|&m| self.alone[m]) {
+        for m in (1..means.len()).filter(|&m| self.excluded[m]) {
             let CoefficientPrior::Rectified(p) = problem.light[m - 1] else { continue };
             let push = self.residual(&means)[m] + precisions[m] * means[m] - p.location / p.variance;
-            means[m] = alone(m, self.stiffness[m], push);
+            means[m] = alone(m, self.image_curvature[m], push);
         }
         (means, precisions)
     }
@@ -131,7 +132,7 @@ impl LightSystem {
     fn solved(&self, from: &[f64]) -> Vec<f64> {
         let Some(factor) = &self.factor else { return from.to_vec() };
         let mut residual = self.residual(from);
-        residual.iter_mut().zip(&self.alone).filter(|(_, alone)| **alone).for_each(|(r, _)| *r = 0.0);
+        residual.iter_mut().zip(&self.excluded).filter(|(_, alone)| **alone).for_each(|(r, _)| *r = 0.0);
         from.iter().zip(factor.solve(&residual)).map(|(x, d)| x + d).collect()
     }
 
@@ -144,8 +145,8 @@ impl LightSystem {
 
     /// Whether a coefficient is left out of the system: DC, and rectified ones cut by their
     /// threshold.
-    pub(super) fn is_alone(&self, m: usize) -> bool {
-        self.alone[m]
+    pub(super) fn is_excluded(&self, m: usize) -> bool {
+        self.excluded[m]
     }
 
     /// Pull of the prior on a coefficient, `d_m (<l_m> - location)`, and `<b><g> B'I`, which image
@@ -169,19 +170,19 @@ impl LightSystem {
 }
 
 /// Updates a single light coefficient exactly, responsibilities included, starting from its present
-/// moments. The image contributes the precision `stiffness` and the pull `push`.
-pub(crate) fn settle_coefficient(
+/// moments. The image contributes the precision `image_curvature` and the pull `push`.
+pub(crate) fn minimise_coefficient(
     problem: &Problem<'_>,
-    ensemble: &mut Ensemble,
+    ensemble: &mut VariationalParameters,
     m: usize,
-    (stiffness, push): (f64, f64),
+    (image_curvature, push): (f64, f64),
     mut moments: Moments,
 ) -> Moments {
     // The responsibilities depend on the coefficient's own moments. The fixed-point iteration never
     // raises the cost.
     for _ in 0..200 {
         let (natural, prior) = prior_pull(problem.light[m - 1], &moments);
-        ensemble.set_l(m, push + natural, stiffness + prior);
+        ensemble.set_l(m, push + natural, image_curvature + prior);
         let next = ensemble.l_moments(m, problem.light[m - 1]);
         let settled = (next.mean - moments.mean).abs() + (next.variance - moments.variance).abs() < 1e-16;
         moments = next;

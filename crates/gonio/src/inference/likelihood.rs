@@ -48,7 +48,7 @@ impl Embedding {
     }
 
     /// Returns the embedding that determines the weights of materials.
-    pub(crate) fn weighed(&self) -> Vec<f32> {
+    pub(crate) fn tempered(&self) -> Vec<f32> {
         let share = 1.0 / (1.0 + (self.count.max(1) - 1) as f64 * COMMON);
         self.sum.iter().map(|v| (f64::from(*v) * share) as f32).collect()
     }
@@ -84,7 +84,7 @@ pub enum ProductError {
 
 /// Likelihood of a material given several photographs.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Product {
+pub struct LikelihoodProduct {
     /// The product of the likelihoods.
     pub likelihood: Likelihood,
     /// For each photograph, the log odds of one material for all to another one for this
@@ -98,7 +98,7 @@ impl Likelihood {
     /// # Errors
     /// If there are fewer than two, they are of both kinds or of another model, or one contradicts
     /// the others.
-    pub fn product(learnt: &LearntPosterior, all: &[Self]) -> Result<Product, ProductError> {
+    pub fn product(learnt: &LearntPosterior, all: &[Self]) -> Result<LikelihoodProduct, ProductError> {
         if all.len() < 2 {
             return Err(ProductError::Few);
         }
@@ -135,7 +135,7 @@ impl Likelihood {
         if agreement[worst] < CONTRADICTION {
             return Err(ProductError::Contradiction { at: worst, ratio: agreement[worst] });
         }
-        Ok(Product { likelihood, agreement })
+        Ok(LikelihoodProduct { likelihood, agreement })
     }
 
     /// Whether the dimensions and numbers of the likelihood are valid for this model.
@@ -146,7 +146,7 @@ impl Likelihood {
                     && embedding.count > 0
                     && embedding.sum.iter().all(|v| v.is_finite())
             }
-            Self::Gaussian(gaussian) => gaussian.is_of(&learnt.coordinates),
+            Self::Gaussian(gaussian) => gaussian.is_of(&learnt.latent_space),
         }
     }
 }

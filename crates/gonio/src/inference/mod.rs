@@ -37,12 +37,12 @@ mod sized;
 mod tests;
 mod variational;
 
-pub use ensemble::Ensemble;
+pub use ensemble::VariationalParameters;
 pub use expectations::Expectations;
 pub use joint_map::JointMapSettings;
-pub use likelihood::{CONTRADICTION, Embedding, Likelihood, Product, ProductError};
+pub use likelihood::{CONTRADICTION, Embedding, Likelihood, LikelihoodProduct, ProductError};
 pub use posterior::{Posterior, StartReport};
-pub use problem::{Hyper, MODEL_ERROR, Problem, ProblemError};
+pub use problem::{Hyperparameters, MODEL_ERROR, Problem, ProblemError};
 pub use variational::{Solver, VariationalSettings};
 
 /// Method for computing the posterior of a [`Problem`].

@@ -5,7 +5,6 @@
 //! step follows it.
 
 use faer::Mat;
-use nalgebra::{DMatrix, DVector, SymmetricEigen};
 
 use super::Problem;
 use super::coordinate::{Point, ReflectanceSystem};
@@ -13,9 +12,10 @@ use super::ensemble::AllMoments;
 use super::light_system::LightSystem;
 use super::parallel::search;
 use crate::lighting::Moments;
+use crate::linalg::eigenvectors;
 
 /// Smallest curvature that a step uses, relative to that of a single coordinate.
-const FLOOR: f64 = 1e-8;
+const MIN_CURVATURE: f64 = 1e-8;
 
 /// Searches along Newton's direction for the lowest cost.
 ///
@@ -52,12 +52,13 @@ pub(super) fn advance(problem: &Problem<'_>, from: Point, light: &LightSystem, n
 
 /// Step in reflectance (K), exposure and, if it is included, `Phi_5`; and in the light (M).
 pub(super) struct Step {
-    pub(super) rest: DVector<f64>,
+    pub(super) rest: Vec<f64>,
     pub(super) light: Vec<f64>,
 }
 
 impl Step {
-    /// Converts to a change of the [locations](super::Ensemble::locations); `None` if not finite.
+    /// Converts to a change of the [locations](super::VariationalParameters::locations); `None` if
+    /// not finite.
     fn of_locations(&self, at: &Point) -> Option<Vec<f64>> {
         let AllMoments { f, g, .. } = &at.moments;
         // The mean of a rectified Gaussian moves by `var / w` times as much as its location.
@@ -75,8 +76,8 @@ impl Step {
 /// Gradient and curvature of a cost in the means of reflectance (K) and exposure and, if the noise
 /// is included, in `Phi_5`.
 pub(super) struct Local {
-    gradient: DVector<f64>,
-    curvature: DMatrix<f64>,
+    gradient: Vec<f64>,
+    curvature: Mat<f64>,
     /// Mixed curvature with the light (M x size), zero for light coefficients that stay fixed.
     cross: Mat<f64>,
 }
@@ -100,8 +101,8 @@ impl Local {
         let with_f: Vec<f64> = (0..k).map(|x| system.row(x).iter().zip(&means).map(|(h, f)| h * f).sum()).collect();
         let sums = system.sums(f);
         let size = k + 1 + usize::from(shape.is_some());
-        let mut gradient = DVector::zeros(size);
-        let mut curvature = DMatrix::zeros(size, size);
+        let mut gradient = vec![0.0; size];
+        let mut curvature = Mat::zeros(size, size);
         for x in 0..k {
             gradient[x] = precision * (g2 * with_f[x] - g1 * system.target()[x]) + problem.rates[x];
             for y in 0..k {
@@ -134,7 +135,7 @@ impl Local {
         let pulled = problem.bilinear.adjoint(&weights.collect::<Vec<_>>());
         let images = light.images(a, k, precision * g2);
         let cross = Mat::from_fn(l.len(), size, |m, x| {
-            if light.is_alone(m) {
+            if light.is_excluded(m) {
                 return 0.0;
             }
             // At the optimum of the light, image and prior together balance its target.
@@ -169,7 +170,7 @@ impl Local {
             }
             self.gradient[x] = 0.0;
             self.curvature.row_mut(x).fill(0.0);
-            self.curvature.column_mut(x).fill(0.0);
+            self.curvature.col_mut(x).fill(0.0);
             self.curvature[(x, x)] = 1.0;
             self.cross.col_mut(x).fill(0.0);
         }
@@ -184,15 +185,19 @@ impl Local {
         let size = self.gradient.len();
         let product =
             |x: usize, y: usize| self.cross.col(x).iter().zip(solved.col(y).iter()).map(|(c, s)| c * s).sum::<f64>();
-        let left = DMatrix::from_fn(size, size, |x, y| self.curvature[(x, y)] - 0.5 * (product(x, y) + product(y, x)));
-        let unit = self.curvature.diagonal().map(|c| c.max(f64::MIN_POSITIVE).sqrt().recip());
-        let scaled = DMatrix::from_fn(size, size, |x, y| left[(x, y)] * unit[x] * unit[y]);
-        let eigen = SymmetricEigen::try_new(scaled, 1e-14, 1000)?;
-        let mut turned = eigen.eigenvectors.transpose() * self.gradient.component_mul(&unit);
-        for (t, value) in turned.iter_mut().zip(eigen.eigenvalues.iter()) {
-            *t /= -value.abs().max(FLOOR);
+        let reduced = |x: usize, y: usize| self.curvature[(x, y)] - 0.5 * (product(x, y) + product(y, x));
+        let unit: Vec<f64> = (0..size).map(|x| self.curvature[(x, x)].max(f64::MIN_POSITIVE).sqrt().recip()).collect();
+        let scaled = Mat::from_fn(size, size, |x, y| reduced(x, y) * unit[x] * unit[y]);
+        if !scaled.is_all_finite() {
+            return None;
         }
-        let rest = (eigen.eigenvectors * turned).component_mul(&unit);
+        let (values, vectors) = eigenvectors(scaled.as_ref());
+        let mut rest = vec![0.0; size];
+        for (value, vector) in values.iter().zip(vectors.col_iter()) {
+            let along: f64 = (0..size).map(|x| vector[x] * self.gradient[x] * unit[x]).sum();
+            let length = -along / value.abs().max(MIN_CURVATURE);
+            (0..size).for_each(|x| rest[x] += length * vector[x] * unit[x]);
+        }
         let along = |m: usize| -(0..size).map(|x| solved[(m, x)] * rest[x]).sum::<f64>();
         let light: Vec<f64> = (0..solved.nrows()).map(along).collect();
         Some(Step { rest, light })
@@ -203,12 +208,12 @@ impl Local {
 mod tests {
     use super::super::grams::Grams;
     use super::super::tests::{planted, start};
-    use super::super::{Ensemble, coordinate};
+    use super::super::{VariationalParameters, coordinate};
     use super::*;
 
-    fn settled(problem: &Problem<'_>, mut ensemble: Ensemble, grams: &Grams) -> (Point, LightSystem) {
+    fn settled(problem: &Problem<'_>, mut ensemble: VariationalParameters, grams: &Grams) -> (Point, LightSystem) {
         for _ in 0..20 {
-            ensemble = coordinate::settle_light(problem, &ensemble, grams).0;
+            ensemble = coordinate::minimise_light(problem, &ensemble, grams).0;
         }
         let light = LightSystem::new(problem, &ensemble.moments(problem), grams);
         (Point::new(problem, ensemble, grams), light)

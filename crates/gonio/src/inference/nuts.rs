@@ -27,7 +27,7 @@ struct Exact {
     light: Vec<CoefficientPrior>,
     dc: f64,
     rates: Vec<f64>,
-    hyper: Hyper,
+    hyper: Hyperparameters,
 }
 
 /// Point of the posterior in the variables of the model.

@@ -1,8 +1,8 @@
 //! Algorithm 1 as printed in the paper: parallel updates of all parameters and a line search.
 
-use super::component_switch::leap_at_once;
+use super::component_switch::switch_components_jointly;
 use super::variational::{Run, SETTLED, Solver, VariationalSettings};
-use super::{Ensemble, Expectations, Problem};
+use super::{Expectations, Problem, VariationalParameters};
 
 /// Share of the last search direction that the next one of [`Solver::Parallel`] keeps, as in the
 /// code that the paper builds on.
@@ -11,7 +11,7 @@ const MOMENTUM: f64 = 0.9;
 /// Runs the two nested loops of Algorithm 1, exactly as printed for [`Solver::Printed`].
 pub(super) fn run(
     problem: &Problem<'_>,
-    ensemble: Ensemble,
+    ensemble: VariationalParameters,
     settings: &VariationalSettings,
     progress: &dyn Fn(f64),
 ) -> Run {
@@ -21,7 +21,7 @@ pub(super) fn run(
     let mut trace = vec![state.cost];
     let mut search = LineSearch { alpha: 1.0, printed, last: Vec::new() };
     if !printed {
-        state = state.leapt(problem);
+        state = state.with_switched_components(problem);
     }
     let mut converged = false;
     'noise: loop {
@@ -42,7 +42,7 @@ pub(super) fn run(
             }
             if settled >= SETTLED {
                 let before = state.cost;
-                state = state.leapt(problem);
+                state = state.with_switched_components(problem);
                 if before - state.cost < settings.tolerance {
                     break;
                 }
@@ -69,20 +69,20 @@ pub(super) fn run(
 
 /// Ensemble with its expectations and its cost.
 struct State {
-    ensemble: Ensemble,
+    ensemble: VariationalParameters,
     now: Expectations,
     cost: f64,
 }
 
 impl State {
-    fn at(self, problem: &Problem<'_>, ensemble: Ensemble) -> Self {
+    fn at(self, problem: &Problem<'_>, ensemble: VariationalParameters) -> Self {
         let now = self.now.after(problem, &ensemble);
         Self { cost: now.cost(problem), ensemble, now }
     }
 
     /// State with every light coefficient in its best component.
-    fn leapt(self, problem: &Problem<'_>) -> Self {
-        let (ensemble, now) = leap_at_once(problem, &self.ensemble, self.now);
+    fn with_switched_components(self, problem: &Problem<'_>) -> Self {
+        let (ensemble, now) = switch_components_jointly(problem, &self.ensemble, self.now);
         Self { cost: now.cost(problem), ensemble, now }
     }
 }
@@ -105,11 +105,17 @@ struct LineSearch {
 }
 
 impl LineSearch {
-    fn step(&mut self, problem: &Problem<'_>, ensemble: &Ensemble, now: &Expectations, cost: f64) -> Ensemble {
+    fn step(
+        &mut self,
+        problem: &Problem<'_>,
+        ensemble: &VariationalParameters,
+        now: &Expectations,
+        cost: f64,
+    ) -> VariationalParameters {
         let mut target = now.update(problem, ensemble);
         target.set_log_noise(ensemble.log_noise());
         let update = target.minus(ensemble);
-        let evaluate = |e: &Ensemble| {
+        let evaluate = |e: &VariationalParameters| {
             let cost = Expectations::new(problem, e).cost(problem);
             if cost.is_finite() { cost } else { f64::INFINITY }
         };

@@ -8,7 +8,7 @@ use crate::transfer::{Bilinear, Projected};
 
 /// Parameters of the priors of exposure and noise (paper 3.3).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Hyper {
+pub struct Hyperparameters {
     /// `lambda_gamma` of `p(gamma) = Exp(lambda_gamma)`, for an image scaled to the brightness that
     /// the prior means predict. It is small because reflectance is scaled to its maximum, so that a
     /// mirror needs an exposure a thousand times that of chalk.
@@ -19,14 +19,14 @@ pub struct Hyper {
     pub noise_rate: f64,
 }
 
-impl Default for Hyper {
+impl Default for Hyperparameters {
     /// Vague prior of the noise.
     fn default() -> Self {
         Self { exposure_rate: 1e-3, noise_shape: 1e-3, noise_rate: 1e-6 }
     }
 }
 
-impl Hyper {
+impl Hyperparameters {
     /// Prior for real images: `Gamma(a, b)` with as much weight as `pixels` observations that all
     /// have an error of [`MODEL_ERROR`].
     ///
@@ -48,7 +48,7 @@ pub const MODEL_ERROR: f64 = 0.05;
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum ProblemError {
     /// The image is black.
-    #[error("the observed part of the image is black")]
+    #[error("the object is black in the photograph; check the exposure and the mask")]
     Black,
     /// The image has values that are not finite.
     #[error("the observed part of the image has values that are not finite")]
@@ -82,7 +82,7 @@ pub struct Problem<'a> {
     pub(crate) dc: f64,
     /// `lambda_k`.
     pub(crate) rates: Vec<f64>,
-    pub(crate) hyper: Hyper,
+    pub(crate) hyper: Hyperparameters,
     /// Reflectance coefficients of known materials, from which starts are drawn if there are any.
     pub(crate) examples: Vec<Vec<f64>>,
 }
@@ -96,7 +96,7 @@ impl<'a> Problem<'a> {
         image: &'a Projected,
         light: &'a LightPrior,
         rates: &[f64],
-        hyper: Hyper,
+        hyper: Hyperparameters,
     ) -> Result<Self, ProblemError> {
         let m = image.bilinear.m();
         let priors = (1..m).map(|m| light.of_index(m).expect("the prior covers the grid of the plan")).collect();
@@ -108,7 +108,7 @@ impl<'a> Problem<'a> {
     ///
     /// # Errors
     /// Those of [`Self::blind`].
-    pub fn with_known_light(image: &'a Projected, rates: &[f64], hyper: Hyper) -> Result<Self, ProblemError> {
+    pub fn with_known_light(image: &'a Projected, rates: &[f64], hyper: Hyperparameters) -> Result<Self, ProblemError> {
         assert_eq!(image.bilinear.m(), 1, "a known light has one coefficient");
         Self::new(image, Vec::new(), 1.0, rates, hyper)
     }
@@ -118,7 +118,7 @@ impl<'a> Problem<'a> {
         light: Vec<&'a CoefficientPrior>,
         dc: f64,
         rates: &[f64],
-        hyper: Hyper,
+        hyper: Hyperparameters,
     ) -> Result<Self, ProblemError> {
         let bilinear = &image.bilinear;
         if rates.len() != bilinear.k() {

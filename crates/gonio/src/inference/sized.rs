@@ -4,7 +4,7 @@
 use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 
-use super::component_switch::alone;
+use super::component_switch::coordinate_objectives;
 use super::variational::end;
 use super::*;
 use crate::lighting::LightPrior;
@@ -29,7 +29,7 @@ fn sphere(side: usize, prior: &LightPrior) -> Projected {
 }
 
 fn problem<'a>(image: &'a Projected, prior: &'a LightPrior) -> Problem<'a> {
-    Problem::blind(image, prior, &[1.0; 3], Hyper::with_model_error(image.pixels)).expect("an image")
+    Problem::blind(image, prior, &[1.0; 3], Hyperparameters::with_model_error(image.pixels)).expect("an image")
 }
 
 #[test]
@@ -46,7 +46,7 @@ fn result_is_independent_of_starting_variance_and_tolerance() {
         let (ensemble, cost, iterations) = at(variance, 1e-4);
         assert!((cost - tight).abs() < 2.0, "{variance}: {cost} against {tight} in {iterations}");
         let now = Expectations::new(&problem, &ensemble);
-        for (m, alone) in alone(&problem, &now) {
+        for (m, alone) in coordinate_objectives(&problem, &now) {
             let gain = alone.gain(&now.moments.l[m]);
             assert!(gain < 1e-2, "{variance}: coefficient {m} would gain {gain} in another component");
         }

@@ -48,18 +48,18 @@ pub(super) fn planted(rows: usize, k: usize, noise: f64, seed: u64) -> Planted {
 
 impl Planted {
     pub(super) fn problem(&self) -> Problem<'_> {
-        Problem::blind(&self.image, &self.prior, &self.rates, Hyper::default()).unwrap()
+        Problem::blind(&self.image, &self.prior, &self.rates, Hyperparameters::default()).unwrap()
     }
 
-    fn cost(&self, ensemble: &Ensemble) -> f64 {
+    fn cost(&self, ensemble: &VariationalParameters) -> f64 {
         let problem = self.problem();
         Expectations::new(&problem, ensemble).cost(&problem)
     }
 }
 
-pub(super) fn start(planted: &Planted, seed: u64) -> Ensemble {
+pub(super) fn start(planted: &Planted, seed: u64) -> VariationalParameters {
     let mut rng = rand_pcg::Pcg64::seed_from_u64(seed);
-    let mut ensemble = Ensemble::random(&planted.problem(), 0.1, &mut rng);
+    let mut ensemble = VariationalParameters::random(&planted.problem(), 0.1, &mut rng);
     ensemble.set_log_noise(-2.0);
     ensemble
 }
@@ -80,7 +80,7 @@ fn all(k: usize) -> Vec<Coordinate> {
 }
 
 /// `ensemble` with one coordinate replaced by its update.
-fn updated(problem: &Problem<'_>, ensemble: &Ensemble, which: Coordinate) -> Ensemble {
+fn updated(problem: &Problem<'_>, ensemble: &VariationalParameters, which: Coordinate) -> VariationalParameters {
     let now = Expectations::new(problem, ensemble);
     let full = now.update(problem, ensemble);
     let mut out = ensemble.clone();
@@ -88,9 +88,9 @@ fn updated(problem: &Problem<'_>, ensemble: &Ensemble, which: Coordinate) -> Ens
         Coordinate::F(k) => out.copy_f(&full, k),
         Coordinate::L(m) => {
             let (pull, l, g) = (now.pull(problem), &now.moments.l, &now.moments.g);
-            let stiffness = now.moments.precision * g.mean_square() * pull.stiffness[m];
-            let push = now.moments.precision * pull.light[m] + stiffness * l[m].mean;
-            light_system::settle_coefficient(problem, &mut out, m, (stiffness, push), l[m]);
+            let curvature = now.moments.precision * g.mean_square() * pull.curvature[m];
+            let push = now.moments.precision * pull.light[m] + curvature * l[m].mean;
+            light_system::minimise_coefficient(problem, &mut out, m, (curvature, push), l[m]);
         }
         Coordinate::G => out.copy_g(&full),
         Coordinate::Noise => out.set_log_noise(full.log_noise()),
@@ -249,7 +249,7 @@ fn known_light_matches_non_negative_least_squares() {
     let data: Vec<f32> = (0..rows * 4).map(|_| rng.random_range(0.0..1.0)).collect();
     let target = data.chunks(4).map(|a| a.iter().zip(truth).map(|(a, f)| f64::from(*a) * f).sum()).collect();
     let image = Projected { bilinear: Bilinear::new(rows, 4, 1, data), target, outside: 0.0, pixels: rows };
-    let problem = Problem::with_known_light(&image, &[1.0; 4], Hyper::default()).unwrap();
+    let problem = Problem::with_known_light(&image, &[1.0; 4], Hyperparameters::default()).unwrap();
     let settings = VariationalSettings { solver: Solver::Blocks, starts: 1, ..Default::default() };
     let got = infer(&problem, &Method::KnownLight(settings), &|_| ());
     let f: Vec<f64> = got.reflectance.iter().map(|f| f * got.exposure).collect();
@@ -285,13 +285,19 @@ fn scaling_the_image_scales_exposure_and_noise_alone() {
 fn rejects_invalid_images_and_rates() {
     let mut p = planted(60, 2, 0.1, 1);
     assert_eq!(
-        Problem::blind(&p.image, &p.prior, &[1.0], Hyper::default()).unwrap_err(),
+        Problem::blind(&p.image, &p.prior, &[1.0], Hyperparameters::default()).unwrap_err(),
         ProblemError::Rates { rates: 1, k: 2 }
     );
     p.image.target[3] = f64::NAN;
-    assert_eq!(Problem::blind(&p.image, &p.prior, &p.rates, Hyper::default()).unwrap_err(), ProblemError::NotFinite);
+    assert_eq!(
+        Problem::blind(&p.image, &p.prior, &p.rates, Hyperparameters::default()).unwrap_err(),
+        ProblemError::NotFinite
+    );
     p.image.target.fill(0.0);
-    assert_eq!(Problem::blind(&p.image, &p.prior, &p.rates, Hyper::default()).unwrap_err(), ProblemError::Black);
+    assert_eq!(
+        Problem::blind(&p.image, &p.prior, &p.rates, Hyperparameters::default()).unwrap_err(),
+        ProblemError::Black
+    );
 }
 
 #[test]

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::grams::Grams;
-use super::{Ensemble, Posterior, Problem, StartReport, blocks, parallel};
+use super::{Posterior, Problem, StartReport, VariationalParameters, blocks, parallel};
 
 /// Algorithm that computes the next ensemble. The cost and its fixed points are the same for all.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -63,7 +63,7 @@ pub(super) const SETTLED: usize = 3;
 
 /// Result of one random start.
 pub(super) struct Run {
-    pub(super) ensemble: Ensemble,
+    pub(super) ensemble: VariationalParameters,
     /// Cost at the start and after every iteration.
     pub(super) trace: Vec<f64>,
     pub(super) converged: bool,
@@ -93,7 +93,7 @@ pub(super) fn infer(
         .map(|start| {
             let mut rng =
                 rand_pcg::Pcg64::seed_from_u64(settings.seed.wrapping_mul(1_000_003).wrapping_add(start as u64));
-            let ensemble = Ensemble::random(problem, settings.variance, &mut rng);
+            let ensemble = VariationalParameters::random(problem, settings.variance, &mut rng);
             run(problem, ensemble, grams.as_ref(), settings, &|x| report(start, x))
         })
         .collect();
@@ -121,7 +121,7 @@ pub(super) fn infer(
 /// Runs one start.
 fn run(
     problem: &Problem<'_>,
-    ensemble: Ensemble,
+    ensemble: VariationalParameters,
     grams: Option<&Grams>,
     settings: &VariationalSettings,
     progress: &dyn Fn(f64),
@@ -134,9 +134,9 @@ fn run(
 
 /// Runs one start with the variance of the settings, and returns its ensemble, cost and iterations.
 #[cfg(test)]
-pub(super) fn end(problem: &Problem<'_>, settings: &VariationalSettings) -> (Ensemble, f64, usize) {
+pub(super) fn end(problem: &Problem<'_>, settings: &VariationalSettings) -> (VariationalParameters, f64, usize) {
     let mut rng = rand_pcg::Pcg64::seed_from_u64(settings.seed);
-    let ensemble = Ensemble::random(problem, settings.variance, &mut rng);
+    let ensemble = VariationalParameters::random(problem, settings.variance, &mut rng);
     let grams = (settings.solver == Solver::Blocks).then(|| Grams::new(problem));
     let run = run(problem, ensemble, grams.as_ref(), settings, &|_| ());
     assert!(run.converged, "{settings:?}");

@@ -25,6 +25,11 @@ impl LightGrid {
         Self { map, side, texels }
     }
 
+    /// Multiplies every texel by a colour.
+    pub fn coloured(&self, colour: Vec3) -> Self {
+        Self::from_texels(self.map, self.side, self.texels.iter().map(|texel| *texel * colour).collect())
+    }
+
     /// Creates a grey light from its wavelet coefficients (see [`Self::coefficients`]).
     ///
     /// # Panics

@@ -88,7 +88,7 @@ impl EnvironmentMap {
     }
 
     /// Returns the map rotated about the vertical axis: column `x` moves to column `x + columns`.
-    pub fn turned(&self, columns: usize) -> Self {
+    pub fn shifted_columns(&self, columns: usize) -> Self {
         let (width, height) = self.radiance.size();
         let columns = columns % width;
         Self { radiance: Plane::from_fn(width, height, |x, y| self.radiance[((x + width - columns) % width, y)]) }
@@ -265,7 +265,7 @@ mod tests {
         let turned = sky.rotated(DQuat::from_rotation_y(-2.0 * PI * 5.0 / 128.0));
         // The four samples blur a lamp of one pixel, but keep its flux.
         assert!(((flux(&turned) - flux(&sky)) / flux(&sky)).abs().max_element() < 0.02);
-        let expected = sky.turned(5);
+        let expected = sky.shifted_columns(5);
         let (a, b) = (turned.radiance()[(10, 40)], expected.radiance()[(10, 40)]);
         assert!((a - b).abs().max_element() < 0.02, "{a} {b}");
         let brightest = |map: &EnvironmentMap| {
@@ -314,9 +314,9 @@ mod tests {
 
     #[test]
     fn turning_moves_columns_to_the_right() {
-        let turned = sky().turned(5);
+        let turned = sky().shifted_columns(5);
         assert_eq!(turned.radiance()[(45, 20)].x, 1e4 + 1.0);
-        assert_eq!(turned.turned(123), sky());
+        assert_eq!(turned.shifted_columns(123), sky());
     }
 
     #[test]

@@ -8,9 +8,9 @@ use crate::scene::{Circle, Object, SceneError, find_ball, outline_of_ball, outli
 use crate::shape::{Camera, Ellipsoid, Projection, Surface};
 
 /// Smallest radius of a ball, in pixels: a smaller one does not show enough of its surroundings.
-const LEAST_RADIUS: f64 = 8.0;
+const MIN_RADIUS: f64 = 8.0;
 /// Largest number of steps of Newton's method, which converges quadratically and ends earlier.
-const STEPS: usize = 40;
+const NEWTON_STEPS: usize = 40;
 
 /// A ball in front of a camera, both in coordinates of the camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -62,8 +62,8 @@ impl MirrorBall {
     /// [`SceneError::BadCircle`] for a radius below 8 pixels or numbers that are not finite.
     pub fn of_circle(circle: Circle, size: (usize, usize)) -> Result<Self, ProbeError> {
         let Circle { x, y, radius } = circle;
-        if !(x.is_finite() && y.is_finite() && radius.is_finite() && radius >= LEAST_RADIUS) {
-            return Err(SceneError::BadCircle { x, y, radius, least: LEAST_RADIUS }.into());
+        if !(x.is_finite() && y.is_finite() && radius.is_finite() && radius >= MIN_RADIUS) {
+            return Err(SceneError::BadCircle { x, y, radius, least: MIN_RADIUS }.into());
         }
         let camera = Camera::new(Projection::Orthographic { pixels_per_unit: 1.0 }, (0.0, 0.0), size)
             .map_err(SceneError::from)?;
@@ -165,7 +165,7 @@ impl MirrorBall {
             return None;
         }
         let mut tilt = 0.0;
-        for _ in 0..STEPS {
+        for _ in 0..NEWTON_STEPS {
             let cos = f64::cos(tilt);
             let slope = 2.0 + ratio * (cos - ratio) / (1.0 - 2.0 * ratio * cos + ratio * ratio);
             let step = (angle - 2.0 * tilt - aside(tilt)) / slope;

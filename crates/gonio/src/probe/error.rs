@@ -55,7 +55,7 @@ pub enum ProbeError {
         .best,
         .second
     )]
-    Turn {
+    AmbiguousAzimuth {
         /// Correlation of both maps at the best angle, -1..=1.
         best: f64,
         /// Largest correlation at an angle far from the best.
@@ -73,7 +73,7 @@ impl ProbeError {
                 .into_iter()
                 .filter(|suggestion| matches!(suggestion, Suggestion::Outline | Suggestion::Mask | Suggestion::Camera))
                 .collect(),
-            Self::Turn { .. } => vec![Suggestion::Turn],
+            Self::AmbiguousAzimuth { .. } => vec![Suggestion::Turn],
             _ => Vec::new(),
         }
     }
@@ -81,7 +81,7 @@ impl ProbeError {
 
 /// Warning about a light probe, displayed as one line.
 #[derive(Clone, Debug, PartialEq)]
-pub enum ProbeOddity {
+pub enum ProbeWarning {
     /// Some pixels are clipped, so the map underestimates bright lamps.
     Clipped {
         /// Number of clipped pixels.
@@ -101,7 +101,7 @@ pub enum ProbeOddity {
     /// Much of the sphere is not visible; contains the share that is not.
     Unseen(f64),
     /// Two views show different light where they overlap.
-    Unlike {
+    InconsistentViews {
         /// Median difference of both, relative to their mean.
         difference: f64,
         /// Correlation of the logarithms of both.
@@ -112,7 +112,7 @@ pub enum ProbeOddity {
     Brightness(f64),
 }
 
-impl fmt::Display for ProbeOddity {
+impl fmt::Display for ProbeWarning {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Clipped { clipped, used } => write!(
@@ -139,7 +139,7 @@ impl fmt::Display for ProbeOddity {
                     100.0 * share
                 )
             }
-            Self::Unlike { difference, correlation } => write!(
+            Self::InconsistentViews { difference, correlation } => write!(
                 f,
                 "the two views differ by {:.0} % where they overlap (correlation {correlation:.2}); check the angle \
                  between them, that both cameras were level, and that the light did not change",

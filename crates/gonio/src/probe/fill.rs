@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 /// Brightness added before logarithms are taken, as a share of the mean.
-const FLOOR: f64 = 0.01;
+const LOG_FLOOR: f64 = 0.01;
 
 /// A map at one resolution: mean of the logarithms, and the known share of each texel.
 struct Level {
@@ -53,7 +53,7 @@ impl Level {
 pub(super) fn fill(radiance: &mut [DVec3], known: &[f64], rows: usize) {
     let total: f64 = known.iter().sum();
     let mean = radiance.iter().zip(known).map(|(r, k)| *k * *r).sum::<DVec3>() / total.max(f64::MIN_POSITIVE);
-    let floor = DVec3::splat(FLOOR * mean.element_sum() / 3.0).max(DVec3::splat(1e-30));
+    let floor = DVec3::splat(LOG_FLOOR * mean.element_sum() / 3.0).max(DVec3::splat(1e-30));
     let logarithm = |r: &DVec3| (*r + floor).map(f64::ln);
     let mut levels = vec![Level { rows, values: radiance.iter().map(logarithm).collect(), known: known.to_vec() }];
     while levels[levels.len() - 1].rows > 1 {

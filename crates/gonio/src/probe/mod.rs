@@ -30,7 +30,7 @@ use glam::DVec3;
 use serde::Serialize;
 
 pub use ball::{MirrorBall, Reflection};
-pub use error::{ProbeError, ProbeOddity};
+pub use error::{ProbeError, ProbeWarning};
 pub use reflectance::Reflectance;
 pub use turn::Agreement;
 pub use view::View;
@@ -38,7 +38,7 @@ pub use view::View;
 use crate::lighting::EnvironmentMap;
 use crate::picture::{Plane, luminance};
 use crate::scene::PixelStatus;
-use turn::{compare, find_turn, solid_angle};
+use turn::{compare, estimate_azimuth, solid_angle};
 use unwrap::{Texel, unwrap};
 
 /// Smallest and largest number of rows of a map that are chosen automatically.
@@ -46,15 +46,15 @@ const OWN_ROWS: (usize, usize) = (64, 1024);
 /// Smallest and largest number of rows that can be requested.
 const ROWS: (usize, usize) = (8, 4096);
 /// Smallest share of the sphere that the views must show.
-const LEAST_SEEN: f64 = 0.25;
+const MIN_SEEN: f64 = 0.25;
 /// Share of the sphere that no view shows above which gonio warns.
 const MUCH_UNSEEN: f64 = 0.12;
 /// Median difference of two views above which gonio warns.
-const MOST_DIFFERENCE: f64 = 0.2;
+const MAX_DIFFERENCE: f64 = 0.2;
 /// Correlation of two views below which gonio warns.
-const LEAST_CORRELATION: f64 = 0.6;
+const MIN_CORRELATION: f64 = 0.6;
 /// Ratio of the brightness of two views above which gonio warns.
-const MOST_BRIGHTNESS: f64 = 1.1;
+const MAX_BRIGHTNESS: f64 = 1.1;
 
 /// Settings of [`probe`].
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -72,7 +72,7 @@ pub struct SecondView {
     pub view: View,
     /// Angle in radians by which the camera moved around the ball, counterclockwise as seen from
     /// above; `None` estimates it from the views.
-    pub turn: Option<f64>,
+    pub azimuth: Option<f64>,
 }
 
 /// Properties of a probe.
@@ -96,7 +96,7 @@ pub struct Probe {
     /// The light, in the space of the first camera, on the scale of its picture.
     pub light: EnvironmentMap,
     /// Share of each texel that a view shows, 0..=1; the rest is interpolated.
-    pub seen: Plane<f32>,
+    pub coverage: Plane<f32>,
     /// Properties of the probe.
     pub report: ProbeReport,
 }
@@ -104,20 +104,20 @@ pub struct Probe {
 /// Estimates the light from one or two views of a mirror ball.
 ///
 /// # Errors
-/// [`ProbeError::Rows`] and [`ProbeError::Angle`] for invalid settings; [`ProbeError::Turn`] if the
-/// angle between the views is not given and the views do not determine it;
-/// [`ProbeError::TooLittle`] if they show less than a quarter of all directions;
+/// [`ProbeError::Rows`] and [`ProbeError::Angle`] for invalid settings;
+/// [`ProbeError::AmbiguousAzimuth`] if the angle between the views is not given and the views do
+/// not determine it; [`ProbeError::TooLittle`] if they show less than a quarter of all directions;
 /// [`ProbeError::Black`].
 pub fn probe(first: &View, second: Option<&SecondView>, settings: &ProbeSettings) -> Result<Probe, ProbeError> {
     let rows = rows(first, settings)?;
     let reflectance = &settings.reflectance;
     let mut texels = unwrap(first, rows, 0.0, reflectance);
     let mut views = None;
-    if let Some(SecondView { view, turn }) = second {
+    if let Some(SecondView { view, azimuth: turn }) = second {
         let (turn, found) = match turn {
             Some(turn) if turn.is_finite() => (*turn, false),
             Some(_) => return Err(ProbeError::Angle),
-            None => (find_turn(first, view, reflectance)?, true),
+            None => (estimate_azimuth(first, view, reflectance)?, true),
         };
         let others = unwrap(view, rows, turn, reflectance);
         let agreement = compare(&texels, &others, rows, turn, found);
@@ -126,8 +126,8 @@ pub fn probe(first: &View, second: Option<&SecondView>, settings: &ProbeSettings
     }
     let whole = |f: &dyn Fn(usize) -> f64| (0..texels.len()).map(|i| solid_angle(rows, i) * f(i)).sum::<f64>();
     let unseen = (1.0 - whole(&|i| texels[i].seen) / (4.0 * PI)).max(0.0);
-    if 1.0 - unseen < LEAST_SEEN {
-        return Err(ProbeError::TooLittle { share: 1.0 - unseen, least: LEAST_SEEN });
+    if 1.0 - unseen < MIN_SEEN {
+        return Err(ProbeError::TooLittle { share: 1.0 - unseen, least: MIN_SEEN });
     }
     let known: Vec<f64> = texels.iter().map(|texel| texel.seen).collect();
     let mut radiance: Vec<DVec3> = texels.iter().map(|texel| texel.radiance).collect();
@@ -142,7 +142,7 @@ pub fn probe(first: &View, second: Option<&SecondView>, settings: &ProbeSettings
     let light = EnvironmentMap::new(plane).map_err(|_| ProbeError::Black)?;
     Ok(Probe {
         light,
-        seen: Plane::from_vec(2 * rows, rows, known.iter().map(|k| *k as f32).collect()),
+        coverage: Plane::from_vec(2 * rows, rows, known.iter().map(|k| *k as f32).collect()),
         report: ProbeReport { rows, reflectance: *reflectance, unseen, filled_light, views },
     })
 }
@@ -171,25 +171,27 @@ fn merged(first: &Texel, second: &Texel, brightness: f64) -> Texel {
 
 impl View {
     /// Lists the warnings about the view.
-    pub fn scene_warnings(&self) -> Vec<ProbeOddity> {
+    pub fn scene_warnings(&self) -> Vec<ProbeWarning> {
         let used = self.count(&[PixelStatus::Used, PixelStatus::Clipped]);
         let (clipped, faulty) =
             (self.count(&[PixelStatus::Clipped]), self.count(&[PixelStatus::Negative, PixelStatus::NotFinite]));
-        let clipped = (clipped > 0).then_some(ProbeOddity::Clipped { clipped, used });
-        let faulty = (faulty > 0).then_some(ProbeOddity::Faulty { faulty, used });
-        clipped.into_iter().chain(faulty).chain(matte::matte(self).map(ProbeOddity::Matte)).collect()
+        let clipped = (clipped > 0).then_some(ProbeWarning::Clipped { clipped, used });
+        let faulty = (faulty > 0).then_some(ProbeWarning::Faulty { faulty, used });
+        clipped.into_iter().chain(faulty).chain(matte::matte(self).map(ProbeWarning::Matte)).collect()
     }
 }
 
 impl ProbeReport {
     /// Lists the warnings about the probe.
-    pub fn scene_warnings(&self) -> Vec<ProbeOddity> {
-        let unseen = (self.unseen > MUCH_UNSEEN).then_some(ProbeOddity::Unseen(self.unseen));
+    pub fn scene_warnings(&self) -> Vec<ProbeWarning> {
+        let unseen = (self.unseen > MUCH_UNSEEN).then_some(ProbeWarning::Unseen(self.unseen));
         let unlike =
-            self.views.filter(|views| views.difference > MOST_DIFFERENCE || views.correlation < LEAST_CORRELATION);
-        let unlike =
-            unlike.map(|Agreement { difference, correlation, .. }| ProbeOddity::Unlike { difference, correlation });
-        let ratio = self.views.map(|views| views.brightness).filter(|ratio| ratio.ln().abs() > MOST_BRIGHTNESS.ln());
-        unseen.into_iter().chain(unlike).chain(ratio.map(ProbeOddity::Brightness)).collect()
+            self.views.filter(|views| views.difference > MAX_DIFFERENCE || views.correlation < MIN_CORRELATION);
+        let unlike = unlike.map(|Agreement { difference, correlation, .. }| ProbeWarning::InconsistentViews {
+            difference,
+            correlation,
+        });
+        let ratio = self.views.map(|views| views.brightness).filter(|ratio| ratio.ln().abs() > MAX_BRIGHTNESS.ln());
+        unseen.into_iter().chain(unlike).chain(ratio.map(ProbeWarning::Brightness)).collect()
     }
 }

@@ -69,7 +69,7 @@ fn rippled(d: DVec3) -> DVec3 {
 fn error(probe: &Probe, light: Light<'_>, least_seen: f32) -> f64 {
     let rows = probe.report.rows;
     let (mut off, mut all) = (0.0, 0.0);
-    for i in (0..2 * rows * rows).filter(|i| probe.seen.as_slice()[*i] >= least_seen) {
+    for i in (0..2 * rows * rows).filter(|i| probe.coverage.as_slice()[*i] >= least_seen) {
         let at = |k: usize, n: usize| (k as f64 + 0.5) / n as f64;
         let want = light(direction_of_lat_long(at(i % (2 * rows), 2 * rows), at(i / (2 * rows), rows)));
         let got = probe.light.radiance().as_slice()[i].as_dvec3();
@@ -157,13 +157,13 @@ fn two_views_cover_the_sphere_and_determine_their_turn() {
         second.rgb = second.rgb.map(|v| 0.8 * *v);
         let first = view(&first, &Object::Sphere(None));
         let pair = |turn| {
-            let second = SecondView { view: view(&second, &Object::Sphere(None)), turn };
+            let second = SecondView { view: view(&second, &Object::Sphere(None)), azimuth: turn };
             probe(&first, Some(&second), &settings(128)).unwrap()
         };
         let (found, given, alone) = (pair(None), pair(Some(turn)), probe(&first, None, &settings(128)).unwrap());
         let views = found.report.views.unwrap();
         let [off, off_given, off_alone] = [&found, &given, &alone].map(|probe| error(probe, light, 0.0));
-        assert!((views.turn_degrees - degrees).abs() < 0.2 && views.found, "{views:?}");
+        assert!((views.azimuth_degrees - degrees).abs() < 0.2 && views.estimated, "{views:?}");
         assert!((views.brightness - 0.8).abs() < 0.03 && views.difference < 0.01 && views.correlation > 0.95);
         assert!(found.report.unseen < 1e-9 && off < 0.5 * off_alone && off < off_given + 0.01, "{off} {off_alone}");
         // The result contains neither camera.
@@ -172,12 +172,12 @@ fn two_views_cover_the_sphere_and_determine_their_turn() {
             assert!((got - light(d)).length() < 0.1 * light(d).length(), "{got} {}", light(d));
         }
         assert!(
-            matches!(found.report.scene_warnings()[..], [ProbeOddity::Brightness(_)]),
+            matches!(found.report.scene_warnings()[..], [ProbeWarning::Brightness(_)]),
             "{:?}",
             found.report.scene_warnings()
         );
         let wrong = pair(Some(turn + 1.0)).report.scene_warnings();
-        assert!(wrong.iter().any(|odd| matches!(odd, ProbeOddity::Unlike { .. })), "{wrong:?}");
+        assert!(wrong.iter().any(|odd| matches!(odd, ProbeWarning::InconsistentViews { .. })), "{wrong:?}");
     }
 }
 
@@ -186,8 +186,8 @@ fn rejects_views_of_a_rotationally_symmetric_light() {
     let banded = |d: DVec3| DVec3::splat(1.5 + (9.0 * d.y).sin());
     let [first, second] = [0.0, 1.2].map(|turn| photograph(&far(), SIZE, &banded, turn, 1));
     let [first, second] = [first, second].map(|picture| view(&picture, &Object::Sphere(None)));
-    let refused = probe(&first, Some(&SecondView { view: second, turn: None }), &settings(64)).err().unwrap();
-    assert!(matches!(refused, ProbeError::Turn { .. }), "{refused}");
+    let refused = probe(&first, Some(&SecondView { view: second, azimuth: None }), &settings(64)).err().unwrap();
+    assert!(matches!(refused, ProbeError::AmbiguousAzimuth { .. }), "{refused}");
     assert_eq!(refused.suggestions(), [crate::suggestion::Suggestion::Turn]);
 }
 
@@ -202,7 +202,7 @@ fn warns_of_clipped_faulty_and_matte_pictures() {
     let clipped = view(&picture, &Object::Sphere(None));
     let odd = clipped.scene_warnings();
     assert!(
-        matches!(odd[..], [ProbeOddity::Clipped { clipped, .. }, ProbeOddity::Faulty { faulty: 5, .. }] if clipped > 5000),
+        matches!(odd[..], [ProbeWarning::Clipped { clipped, .. }, ProbeWarning::Faulty { faulty: 5, .. }] if clipped > 5000),
         "{odd:?}"
     );
     let found = probe(&clipped, None, &settings(64)).unwrap();
@@ -216,7 +216,7 @@ fn warns_of_clipped_faulty_and_matte_pictures() {
         Vec3::splat(seen.map_or(0.0, |seen| shade(seen.normal) as f32))
     });
     let matte = view(&Picture { rgb, alpha: None }, &Object::Sphere(None)).scene_warnings();
-    assert!(matches!(matte[..], [ProbeOddity::Matte(share)] if share > 0.97), "{matte:?}");
+    assert!(matches!(matte[..], [ProbeWarning::Matte(share)] if share > 0.97), "{matte:?}");
     for light in [lamp_light(128), studio_light(128)] {
         let picture = photograph(&ball, SIZE, &|d| light.at(d).as_dvec3(), 0.0, 1);
         assert_eq!(view(&picture, &Object::Sphere(None)).scene_warnings(), []);
@@ -230,7 +230,7 @@ fn rejects_invalid_settings_and_pictures() {
     for rows in [0, 7, 100, 8192] {
         assert!(matches!(probe(&seen, None, &settings(rows)), Err(ProbeError::Rows { .. })), "{rows}");
     }
-    let second = SecondView { view: view(&picture, &Object::Sphere(None)), turn: Some(f64::NAN) };
+    let second = SecondView { view: view(&picture, &Object::Sphere(None)), azimuth: Some(f64::NAN) };
     assert_eq!(probe(&seen, Some(&second), &settings(64)).err(), Some(ProbeError::Angle));
     let black = Picture { rgb: picture.rgb.map(|_| Vec3::ZERO), ..picture.clone() };
     let black = probe(&view(&black, &Object::Sphere(None)), None, &settings(64));

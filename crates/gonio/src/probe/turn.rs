@@ -12,17 +12,17 @@ use crate::sphere::lat_long_solid_angle;
 /// Number of rows of the maps on which all turns are tried.
 const COARSE: usize = 64;
 /// Number of rows of the maps on which the best turn is refined.
-const FINE: usize = 256;
+const FINE_ROWS: usize = 256;
 /// Angle, in radians, from the best turn beyond which another turn counts as different.
 const APART: f64 = 0.35;
 /// Smallest correlation of two views at the correct turn.
-const LEAST: f64 = 0.5;
+const MIN_CORRELATION: f64 = 0.5;
 /// Largest difference of this correlation from one, as a share of that of the next best turn.
-const MOST_LACK: f64 = 0.7;
+const MAX_LACK: f64 = 0.7;
 /// Smallest difference from the correlation of the next best turn.
-const LEAST_LEAD: f64 = 0.03;
+const MIN_LEAD: f64 = 0.03;
 /// Brightness added before logarithms are taken, as a share of the mean.
-const FLOOR: f64 = 0.02;
+const LOG_FLOOR: f64 = 0.02;
 /// Trust at or above which a texel is compared: the ball is seen from the front and does not
 /// reflect the camera.
 const COMPARED: f64 = 0.02;
@@ -32,9 +32,9 @@ const COMPARED: f64 = 0.02;
 pub struct Agreement {
     /// Angle by which the second camera moved around the ball, counterclockwise as seen from above,
     /// in degrees, -180..=180.
-    pub turn_degrees: f64,
+    pub azimuth_degrees: f64,
     /// Whether the angle was estimated from the views.
-    pub found: bool,
+    pub estimated: bool,
     /// Correlation of the logarithms of both views, -1..=1.
     pub correlation: f64,
     /// Median difference of both views in luminance, relative to their mean.
@@ -57,7 +57,7 @@ impl Compared {
         let weights = |i: usize| if map[i].trust >= COMPARED { solid_angle(rows, i) } else { 0.0 };
         let total: f64 = (0..map.len()).map(weights).sum();
         let mean = (0..map.len()).map(|i| weights(i) * brightness(&map[i])).sum::<f64>() / total.max(1e-300);
-        let floor = (FLOOR * mean).max(1e-30);
+        let floor = (LOG_FLOOR * mean).max(1e-30);
         Self { rows, texels: (0..map.len()).map(|i| ((brightness(&map[i]) + floor).ln(), weights(i))).collect() }
     }
 
@@ -114,8 +114,9 @@ pub(super) fn solid_angle(rows: usize, texel: usize) -> f64 {
 /// This is the angle at which the maps correlate best.
 ///
 /// # Errors
-/// [`ProbeError::Turn`] if the correlation is too small, or too similar at another angle.
-pub(super) fn find_turn(first: &View, second: &View, reflectance: &Reflectance) -> Result<f64, ProbeError> {
+/// [`ProbeError::AmbiguousAzimuth`] if the correlation is too small, or too similar at another
+/// angle.
+pub(super) fn estimate_azimuth(first: &View, second: &View, reflectance: &Reflectance) -> Result<f64, ProbeError> {
     // If the camera moves counterclockwise, its map moves to the left.
     let angle = |columns: f64, rows: usize| -columns * PI / rows as f64;
     let maps = |rows: usize| [first, second].map(|view| Compared::of(view, rows, reflectance));
@@ -128,11 +129,11 @@ pub(super) fn find_turn(first: &View, second: &View, reflectance: &Reflectance) 
     };
     let best = coarse[top];
     let second = (0..coarse.len()).filter(|i| apart(*i)).map(|i| coarse[i]).fold(-1.0, f64::max);
-    if best < LEAST || 1.0 - best > MOST_LACK * (1.0 - second) || best - second < LEAST_LEAD {
-        return Err(ProbeError::Turn { best, second });
+    if best < MIN_CORRELATION || 1.0 - best > MAX_LACK * (1.0 - second) || best - second < MIN_LEAD {
+        return Err(ProbeError::AmbiguousAzimuth { best, second });
     }
-    let [a, b] = maps(FINE);
-    let scale = FINE / COARSE;
+    let [a, b] = maps(FINE_ROWS);
+    let scale = FINE_ROWS / COARSE;
     let around = (top * scale) as isize;
     let near: Vec<f64> = (-6..=6).map(|off| a.correlation(&b, around + off)).collect();
     let at = (1..near.len() - 1).max_by(|&i, &j| near[i].total_cmp(&near[j])).unwrap_or(6);
@@ -140,7 +141,7 @@ pub(super) fn find_turn(first: &View, second: &View, reflectance: &Reflectance) 
     // Vertex of the parabola through the best value and its neighbours.
     let bend = left - 2.0 * middle + right;
     let part = if bend < 0.0 { (0.5 * (left - right) / bend).clamp(-0.5, 0.5) } else { 0.0 };
-    let turn = angle((around + at as isize - 6) as f64 + part, FINE);
+    let turn = angle((around + at as isize - 6) as f64 + part, FINE_ROWS);
     Ok((turn + PI).rem_euclid(TAU) - PI)
 }
 
@@ -155,7 +156,7 @@ pub(super) fn compare(first: &[Texel], second: &[Texel], rows: usize, turn: f64,
     let weight: f64 = both().map(|(i, ..)| solid_angle(rows, i)).sum();
     let sums =
         both().fold((0.0, 0.0), |(a, b), (i, x, y)| (a + solid_angle(rows, i) * x, b + solid_angle(rows, i) * y));
-    let floors = (FLOOR * sums.0 / weight.max(1e-300), FLOOR * sums.1 / weight.max(1e-300));
+    let floors = (LOG_FLOOR * sums.0 / weight.max(1e-300), LOG_FLOOR * sums.1 / weight.max(1e-300));
     let (dark, dark_second) = (floors.0.max(1e-30), floors.1.max(1e-30));
     let ratios = both().map(|(i, a, b)| ((b + dark_second) / (a + dark), solid_angle(rows, i)));
     let brightness = weighted_median(ratios.collect()).unwrap_or(1.0);
@@ -164,8 +165,8 @@ pub(super) fn compare(first: &[Texel], second: &[Texel], rows: usize, turn: f64,
         ((a - b).abs() / (0.5 * (a + b) + dark), solid_angle(rows, i))
     });
     Agreement {
-        turn_degrees: turn.to_degrees(),
-        found,
+        azimuth_degrees: turn.to_degrees(),
+        estimated: found,
         correlation: correlation(|| {
             both().map(|(i, a, b)| ((a + dark).ln(), (b + dark_second).ln(), solid_angle(rows, i)))
         }),

@@ -9,7 +9,7 @@ use crate::picture::{Picture, Plane};
 use crate::scene::{COVERED, Object, PixelStatus, check_size, clip_level, is_clipped};
 
 /// Width of the ignored rim, in pixels: pixels there mix the ball with its background.
-const RIM: f64 = 1.5;
+const RIM_WIDTH: f64 = 1.5;
 /// Additional width, as a share of the radius, within which an error of the outline changes
 /// directions too much.
 const RIM_SHARE: f64 = 0.005;
@@ -52,7 +52,7 @@ impl View {
             check_size("mask", mask.size(), (width, height))?;
         }
         let ball = MirrorBall::find(picture, mask, object)?;
-        let within = 1.0 - (RIM / ball.pixels() + RIM_SHARE);
+        let within = 1.0 - (RIM_WIDTH / ball.pixels() + RIM_SHARE);
         let least_cosine = (1.0 - within * within).sqrt();
         let covered = mask.or(picture.alpha.as_ref());
         let status = |x: usize, y: usize| {

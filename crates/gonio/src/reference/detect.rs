@@ -30,7 +30,7 @@ const MAX_PLACES: usize = 16;
 /// Radiance below which logarithms level off, relative to the upper quartile of the luminance.
 ///
 /// Without this floor, noise in dark regions would form edges.
-const FLOOR: f32 = 0.003;
+const LOG_FLOOR: f32 = 0.003;
 
 /// Detects a 24-patch ColorChecker Classic in a photograph and measures it.
 ///
@@ -77,7 +77,7 @@ fn reduced(rgb: &Plane<Vec3>, step: usize) -> Plane<Vec3> {
     let mut values: Vec<f32> = mean.as_slice().iter().map(|pixel| luminance(*pixel)).collect();
     values.sort_unstable_by(f32::total_cmp);
     let upper = values.get(values.len() * 3 / 4).copied().unwrap_or_default();
-    let floor = (FLOOR * upper).max(f32::MIN_POSITIVE);
+    let floor = (LOG_FLOOR * upper).max(f32::MIN_POSITIVE);
     mean.map(|pixel| Vec3::from_array(pixel.max(Vec3::splat(floor)).to_array().map(f32::ln)))
 }
 

@@ -9,7 +9,7 @@ use super::{BivariateTable, angles_of, trusted_cells};
 /// Fraction of the reference's diffuse level that is added to both before the logarithm.
 ///
 /// Without it, cells that are black in either table would count without bound.
-const FLOOR: f64 = 1e-3;
+const LOG_FLOOR: f64 = 1e-3;
 
 /// Returns the symmetric distance of two BRDFs, the mean of both [`brdf_error`].
 ///
@@ -33,7 +33,7 @@ pub fn brdf_scale(estimate: &BivariateTable, reference: &BivariateTable) -> f64 
 }
 
 fn brdf_fit(estimate: &BivariateTable, reference: &BivariateTable) -> (f64, f64) {
-    let floor = FLOOR * diffuse_level(reference);
+    let floor = LOG_FLOOR * diffuse_level(reference);
     let cells = trusted_cells();
     log_fit(cells.map(|c| (f64::from(estimate.as_slice()[c]), f64::from(reference.as_slice()[c]))), floor)
 }

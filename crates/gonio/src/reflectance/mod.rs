@@ -12,7 +12,9 @@ mod train;
 
 pub use basis::{BasisError, ReflectanceBasis, TrainingMaterial};
 pub(crate) use dictionary::unit_field;
-pub use dictionary::{Coordinates, Dictionary, DictionarySettings, DrawnMaterial, Kind, MaterialField, Mixture, Prior};
+pub use dictionary::{
+    Dictionary, DictionarySettings, DrawnMaterial, LatentSpace, MaterialField, MaterialKind, Mixture, Prior,
+};
 pub use distance::{brdf_error, brdf_scale, diffuse_level, log_distance, log_fit};
 pub use log_basis::LogBasis;
 pub use table::{

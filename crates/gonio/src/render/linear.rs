@@ -42,7 +42,7 @@ impl Relighter {
 
     /// Computes the matrix like [`Self::new`], for points of a surface with self-shadowing.
     ///
-    /// `clear` gives the origin of the rays from each point ([`Hit::clear`]).
+    /// `clear` gives the origin of the rays from each point ([`Hit::ray_origin`]).
     ///
     /// # Panics
     /// If points and origins differ in number.

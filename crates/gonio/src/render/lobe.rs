@@ -46,7 +46,7 @@ const TYPICAL: f64 = 0.8;
 const OVERLAP: f64 = 1.6;
 
 /// Number of steps over which the reflectance of a ring is averaged.
-const STEPS: usize = 12;
+const RING_STEPS: usize = 12;
 
 /// Number of intervals in the root of the half angle at which the density of rings is evaluated.
 const INTERVALS: usize = 720;
@@ -55,7 +55,7 @@ const INTERVALS: usize = 720;
 const NARROW: f64 = 0.25;
 
 /// Largest half angle (radians) at which rings may sample lamps.
-const NEAR: f64 = 0.14;
+const LAMP_HALF_ANGLE: f64 = 0.14;
 
 /// Number of azimuths `phi_d` in half a turn at which materials that depend on it are tabulated.
 const AZIMUTHS: usize = 20;
@@ -161,8 +161,8 @@ impl HalfVectorSampler {
         let angle = |root: f64| root * root * FRAC_PI_2;
         // Midpoints in the root of the half angle, in which tables are linear, weighted by solid
         // angle.
-        let steps: [(f64, f64); STEPS] = std::array::from_fn(|k| {
-            let edge = |k: usize| low + (high - low) * k as f64 / STEPS as f64;
+        let steps: [(f64, f64); RING_STEPS] = std::array::from_fn(|k| {
+            let edge = |k: usize| low + (high - low) * k as f64 / RING_STEPS as f64;
             (0.5 * (edge(k) + edge(k + 1)), angle(edge(k)).cos() - angle(edge(k + 1)).cos())
         });
         let total: f64 = steps.iter().map(|s| s.1).sum();
@@ -223,13 +223,13 @@ impl HalfVectorSampler {
                 }
                 let place = Place::of(light.turned(towards), half_side);
                 let radiance = if ring.points >= 1.0 {
-                    pyramid.at(Part::Even, ring.level, &place)
+                    pyramid.at(Part::WithoutLamps, ring.level, &place)
                 } else {
                     let all = pyramid.at(Part::All, ring.level, &place);
                     if ring.points <= 0.0 {
                         all
                     } else {
-                        all + (pyramid.at(Part::Even, ring.level, &place) - all) * ring.points
+                        all + (pyramid.at(Part::WithoutLamps, ring.level, &place) - all) * ring.points
                     }
                 };
                 // `4 cos_d` is the ratio of the solid angle of light to that of half vectors.
@@ -367,7 +367,7 @@ fn near(envelope: &BivariateTable, texel: f64) -> (f32, f32) {
         let (here, there) = (envelope.eval(theta, theta_d), envelope.eval(theta + step, theta_d));
         (here.max(1e-300) / there.max(1e-300)).ln().abs() > NARROW
     };
-    let angles = (0..=100).map(|i| NEAR * f64::from(i) / 100.0);
+    let angles = (0..=100).map(|i| LAMP_HALF_ANGLE * f64::from(i) / 100.0);
     angles.filter(|theta| changes(*theta)).fold((0.0, 0.0), |_, theta| {
         let theta = (theta + step).to_degrees() as f32;
         (theta, 1.5 * theta)
@@ -462,8 +462,8 @@ mod tests {
         let map = light_map(64, lamp);
         let mut tree = LightTree::of_map(&map);
         let turn = glam::DQuat::from_rotation_y(-std::f64::consts::TAU * 16.0 / 128.0);
-        let want = PrefilteredLight::of(&LightTree::of_map(&map.turned(16)));
-        tree.turn_to(turn);
+        let want = PrefilteredLight::of(&LightTree::of_map(&map.shifted_columns(16)));
+        tree.set_rotation(turn);
         let got = PrefilteredLight::of(&tree);
         let table = BivariateTable::from_fn(|h, _| 0.1 + 2.0 / (1.0 + (h / 0.3).powi(2)).powi(2));
         let lobe = HalfVectorSampler::new(&[&table], &want, SamplerSettings::FINE);

@@ -64,7 +64,7 @@ pub(crate) struct Pyramid<T> {
     /// Full light, finest level first.
     all: Vec<Level<T>>,
     /// Light without its lamps, finest level first.
-    even: Vec<Level<T>>,
+    without_lamps: Vec<Level<T>>,
     /// Direction and irradiance (on a surface that faces it) of each lamp.
     lamps: Vec<(Vec3, T)>,
 }
@@ -75,7 +75,7 @@ pub(crate) enum Part {
     /// The full light.
     All,
     /// The light without its [`Pyramid::lamps`].
-    Even,
+    WithoutLamps,
 }
 
 /// One resolution, with a border of one texel that repeats the texels across the edge.
@@ -111,7 +111,11 @@ impl<T: Radiance> Pyramid<T> {
             let solid_angle = fine[t].1 / total * 4.0 * std::f64::consts::PI;
             (on_square(u, v).0.as_vec3(), T::narrow(fine[t].0 * solid_angle))
         };
-        Self { lamps: bright.iter().map(lamp).collect(), all: Level::all(side, fine), even: Level::all(side, even) }
+        Self {
+            lamps: bright.iter().map(lamp).collect(),
+            all: Level::all(side, fine),
+            without_lamps: Level::all(side, even),
+        }
     }
 
     /// Returns direction and irradiance (on a surface that faces it) of each lamp.
@@ -143,8 +147,8 @@ impl<T: Radiance> Pyramid<T> {
             };
             Level { side: level.side, texels: (0..wide * wide).map(value).collect() }
         };
-        let [all, even] = [&self.all, &self.even].map(|levels| levels.iter().map(level).collect());
-        Pyramid { all, even, lamps: Vec::new() }
+        let [all, even] = [&self.all, &self.without_lamps].map(|levels| levels.iter().map(level).collect());
+        Pyramid { all, without_lamps: even, lamps: Vec::new() }
     }
 }
 
@@ -154,7 +158,7 @@ impl<T: Copy + Add<Output = T> + Sub<Output = T> + Mul<f32, Output = T>> Pyramid
     pub(crate) fn at(&self, part: Part, level: usize, place: &Place) -> T {
         let Level { side, texels } = match part {
             Part::All => &self.all[level],
-            Part::Even => &self.even[level],
+            Part::WithoutLamps => &self.without_lamps[level],
         };
         let first = place.row as usize * (side + 2) + place.column as usize;
         let (upper, lower) = (&texels[first..first + 2], &texels[first + side + 2..first + side + 4]);

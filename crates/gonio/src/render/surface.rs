@@ -16,7 +16,7 @@ use crate::shape::{Camera, Hit, Surface};
 /// Fraction of the reflected light whose directions are tested by rays, strongest first.
 ///
 /// The rest is assumed to be blocked in the same proportion.
-const ASKED: f64 = 0.995;
+const RAY_TESTED_SHARE: f64 = 0.995;
 
 /// Largest radius (radians) of the cells into which light that may be blocked is divided.
 pub(super) const PENUMBRA: f64 = 0.04;
@@ -76,7 +76,7 @@ pub fn render_surfaces(
     let shade = |hit: &Hit, view: DVec3| {
         let point = SurfacePoint { normal: hit.normal, view }.facing();
         if shadows {
-            shader.shadowed(&point, |directions| surface.blocked(hit.clear, directions))
+            shader.shadowed(&point, |directions| surface.blocked(hit.ray_origin, directions))
         } else {
             shader.radiance(&point)
         }
@@ -135,7 +135,7 @@ pub(super) fn open_shares(strength: &[f64], blocked: impl FnOnce(&[usize]) -> Ve
     let mut order: Vec<usize> = (0..strength.len()).collect();
     order.sort_by(|&a, &b| strength[b].total_cmp(&strength[a]));
     let (mut asked, mut count) = (0.0, 0);
-    while count < order.len() && asked < ASKED * total {
+    while count < order.len() && asked < RAY_TESTED_SHARE * total {
         asked += strength[order[count]];
         count += 1;
     }
@@ -247,7 +247,7 @@ mod tests {
                 s * (a * tangent + b * other) + c * hit.normal
             });
             let directions: Vec<DVec3> = directions.collect();
-            let free = bowl.blocked(hit.clear, &directions).into_iter().filter(|blocked| !blocked);
+            let free = bowl.blocked(hit.ray_origin, &directions).into_iter().filter(|blocked| !blocked);
             let want = free.count() as f64 / (rings * spokes) as f64;
             let alpha = f64::from(got.alpha.as_ref().unwrap()[(x, y)]);
             let value = f64::from(got.rgb[(x, y)].x) / alpha;

@@ -4,19 +4,10 @@ use std::f64::consts::{PI, TAU};
 
 use glam::{DQuat, DVec3, Vec3};
 
-use crate::lighting::{EnvironmentMap, LightGrid};
-use crate::sphere::{OctahedralMap, direction_of_lat_long};
+use crate::lighting::EnvironmentMap;
+use crate::sphere::direction_of_lat_long;
 
-/// Coordinates in which the cells are rectangles.
-#[derive(Clone, Copy, Debug)]
-enum Chart {
-    /// `u, v` in 0..1 of a lat-long map.
-    LatLong,
-    /// `u, v` in 0..1 of an octahedral square, `v` down.
-    Octahedral(OctahedralMap),
-}
-
-/// A rectangle of a chart.
+/// A rectangle of a lat-long map, `u, v` in 0..=1.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Rectangle {
     u: f64,
@@ -48,54 +39,36 @@ pub(super) struct Cell {
 /// A piecewise constant light, as a quadtree.
 #[derive(Clone, Debug)]
 pub struct LightTree {
-    chart: Chart,
     nodes: Vec<Cell>,
-    turn: DQuat,
+    rotation: DQuat,
     /// Number of rows of a lat-long map of this resolution.
     rows: usize,
 }
 
-impl Chart {
-    /// Returns the direction at `u, v` in 0..1.
-    fn direction(self, u: f64, v: f64) -> DVec3 {
-        match self {
-            Self::LatLong => direction_of_lat_long(u, v),
-            Self::Octahedral(map) => map.direction(2.0 * u - 1.0, 1.0 - 2.0 * v),
+impl Cell {
+    /// Creates a cell of constant radiance.
+    fn new(r: Rectangle, mean: Vec3) -> Self {
+        let (top, bottom) = ((PI * r.v).cos(), (PI * (r.v + r.dv)).cos());
+        // `v` is the latitude that halves the solid angle.
+        let v = (0.5 * (top + bottom)).clamp(-1.0, 1.0).acos() / PI;
+        let widest = if r.v < 0.5 && r.v + r.dv > 0.5 { 1.0 } else { (PI * r.v).sin().max((PI * (r.v + r.dv)).sin()) };
+        let tall = PI * (v - r.v).max(r.v + r.dv - v);
+        let wide = 0.5 * TAU * r.du * widest;
+        Self {
+            rectangle: r,
+            centre: direction_of_lat_long(r.u + 0.5 * r.du, v),
+            radius: tall.hypot(wide).min(PI),
+            solid_angle: TAU * r.du * (top - bottom),
+            mean,
+            deviation: 0.0,
+            children: None,
         }
     }
 
-    /// Returns width and height of a cell in radians.
-    fn extent(self, cell: &Cell) -> (f64, f64) {
-        match self {
-            Self::LatLong => {
-                let tall = PI * cell.rectangle.dv;
-                (cell.solid_angle / tall, tall)
-            }
-            // Cells are at most 1.5 times as long as wide.
-            Self::Octahedral(_) => (1.5 * cell.solid_angle.sqrt(), 1.5 * cell.solid_angle.sqrt()),
-        }
-    }
-
-    fn cell(self, r: Rectangle, mean: Vec3) -> Cell {
-        let (centre, radius, solid_angle) = match self {
-            Self::LatLong => {
-                let (top, bottom) = ((PI * r.v).cos(), (PI * (r.v + r.dv)).cos());
-                // `v` is the latitude that halves the solid angle.
-                let v = (0.5 * (top + bottom)).clamp(-1.0, 1.0).acos() / PI;
-                let widest =
-                    if r.v < 0.5 && r.v + r.dv > 0.5 { 1.0 } else { (PI * r.v).sin().max((PI * (r.v + r.dv)).sin()) };
-                let tall = PI * (v - r.v).max(r.v + r.dv - v);
-                let wide = 0.5 * TAU * r.du * widest;
-                (direction_of_lat_long(r.u + 0.5 * r.du, v), tall.hypot(wide).min(PI), TAU * r.du * (top - bottom))
-            }
-            Self::Octahedral(map) => {
-                let (u, v) = (2.0 * r.u + r.du - 1.0, 1.0 - 2.0 * r.v - r.dv);
-                // A cell of side `2^-level` has a radius of at most `4.3 * 2^-level`.
-                let radius = (map.cell_radius(0) * r.du.max(r.dv)).min(PI);
-                (map.direction(u, v), radius, map.density(u, v) * 4.0 * r.du * r.dv)
-            }
-        };
-        Cell { rectangle: r, centre, radius, solid_angle, mean, deviation: 0.0, children: None }
+    /// Returns width and height in radians.
+    fn extent(&self) -> (f64, f64) {
+        let tall = PI * self.rectangle.dv;
+        (self.solid_angle / tall, tall)
     }
 }
 
@@ -103,30 +76,13 @@ impl LightTree {
     /// Builds the tree of a lat-long map, exact to its pixels.
     pub fn of_map(map: &EnvironmentMap) -> Self {
         let (width, height) = map.radiance().size();
-        Self::build(Chart::LatLong, width, height, &|x, y| map.radiance()[(x, y)])
-    }
-
-    /// Builds the tree of an octahedral grid, exact to its texels.
-    pub fn of_grid(grid: &LightGrid) -> Self {
-        let side = grid.side();
-        Self::build(Chart::Octahedral(grid.map()), side, side, &|x, y| grid.texels()[y * side + x])
-    }
-
-    fn build(chart: Chart, width: usize, height: usize, value: &dyn Fn(usize, usize) -> Vec3) -> Self {
         let mut tree =
-            Self { chart, nodes: Vec::with_capacity(width * height * 4 / 3 + 8), turn: DQuat::IDENTITY, rows: height };
+            Self { nodes: Vec::with_capacity(width * height * 4 / 3 + 8), rotation: DQuat::IDENTITY, rows: height };
         let whole = [0, width, 0, height];
-        let root = tree.leaf(whole, (width, height), Vec3::ZERO);
+        let root = leaf(whole, (width, height));
         tree.nodes.push(root);
-        tree.fill(0, whole, (width, height), value);
+        tree.fill(0, whole, (width, height), &|x, y| map.radiance()[(x, y)]);
         tree
-    }
-
-    fn leaf(&self, [x0, x1, y0, y1]: [usize; 4], (width, height): (usize, usize), mean: Vec3) -> Cell {
-        let (w, h) = (width as f64, height as f64);
-        let rectangle =
-            Rectangle { u: x0 as f64 / w, v: y0 as f64 / h, du: (x1 - x0) as f64 / w, dv: (y1 - y0) as f64 / h };
-        self.chart.cell(rectangle, mean)
     }
 
     /// Fills node `at`, which covers pixels `x0..x1` by `y0..y1`, and its descendants.
@@ -145,8 +101,7 @@ impl LightTree {
             .collect();
         let first = self.nodes.len();
         for part in &parts {
-            let cell = self.leaf(*part, size, Vec3::ZERO);
-            self.nodes.push(cell);
+            self.nodes.push(leaf(*part, size));
         }
         for (i, part) in parts.iter().enumerate() {
             self.fill(first + i, *part, size, value);
@@ -165,8 +120,8 @@ impl LightTree {
     }
 
     /// Sets the rotation of the light relative to its original orientation.
-    pub fn turn_to(&mut self, turn: DQuat) {
-        self.turn = turn;
+    pub fn set_rotation(&mut self, turn: DQuat) {
+        self.rotation = turn;
     }
 
     pub(super) fn root(&self) -> Cell {
@@ -174,7 +129,7 @@ impl LightTree {
     }
 
     fn placed(&self, cell: Cell) -> Cell {
-        Cell { centre: self.turn * cell.centre, ..cell }
+        Cell { centre: self.rotation * cell.centre, ..cell }
     }
 
     /// Returns the parts of a cell: its children, or four quarters of constant radiance.
@@ -187,7 +142,7 @@ impl LightTree {
             let Rectangle { u, v, du, dv } = cell.rectangle;
             let (du, dv) = (0.5 * du, 0.5 * dv);
             [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)]
-                .map(|(a, b)| self.chart.cell(Rectangle { u: u + a * du, v: v + b * dv, du, dv }, cell.mean))
+                .map(|(a, b)| Cell::new(Rectangle { u: u + a * du, v: v + b * dv, du, dv }, cell.mean))
         });
         stored.iter().copied().chain(quarters).map(|cell| self.placed(cell))
     }
@@ -198,7 +153,7 @@ impl LightTree {
     }
 
     pub(super) fn turn(&self) -> DQuat {
-        self.turn
+        self.rotation
     }
 
     /// Calls `take` with direction, radiance and solid angle of samples of the unrotated light.
@@ -209,7 +164,7 @@ impl LightTree {
         let leaves = self.nodes.iter().filter(|cell| cell.children.is_none());
         for cell in leaves.skip(part).step_by(parts) {
             let Rectangle { u, v, du, dv } = cell.rectangle;
-            let (wide, tall) = self.chart.extent(cell);
+            let (wide, tall) = cell.extent();
             let number = |extent: f64| (extent / step).ceil().max(1.0) as usize;
             let (columns, rows) = (number(wide), number(tall));
             let along = |from: f64, length: f64, i: usize, n: usize| from + length * (i as f64 + 0.5) / n as f64;
@@ -217,15 +172,11 @@ impl LightTree {
             let across: Vec<f64> = (0..columns).map(|column| along(u, du, column, columns)).collect();
             // Horizontal directions of all columns: rows of a lat-long map share their
             // trigonometry.
-            let level: Vec<DVec3> = across.iter().map(|&u| self.chart.direction(u, 0.5)).collect();
+            let level: Vec<DVec3> = across.iter().map(|&u| direction_of_lat_long(u, 0.5)).collect();
             for v in (0..rows).map(|row| along(v, dv, row, rows)) {
                 let (sin, cos) = (PI * v).sin_cos();
-                for (&u, level) in across.iter().zip(&level) {
-                    let direction = match self.chart {
-                        Chart::LatLong => DVec3::new(sin * level.x, cos, sin * level.z),
-                        Chart::Octahedral(_) => self.chart.direction(u, v),
-                    };
-                    take(direction, cell.mean, solid_angle);
+                for level in &level {
+                    take(DVec3::new(sin * level.x, cos, sin * level.z), cell.mean, solid_angle);
                 }
             }
         }
@@ -235,6 +186,14 @@ impl LightTree {
     pub fn mean(&self) -> Vec3 {
         self.nodes[0].mean
     }
+}
+
+/// Returns the black cell of pixels `x0..x1` by `y0..y1`.
+fn leaf([x0, x1, y0, y1]: [usize; 4], (width, height): (usize, usize)) -> Cell {
+    let (w, h) = (width as f64, height as f64);
+    let rectangle =
+        Rectangle { u: x0 as f64 / w, v: y0 as f64 / h, du: (x1 - x0) as f64 / w, dv: (y1 - y0) as f64 / h };
+    Cell::new(rectangle, Vec3::ZERO)
 }
 
 #[cfg(test)]
@@ -274,10 +233,6 @@ mod tests {
             let picture = Plane::from_fn(2 * height, height, |x, y| Vec3::splat((x * y % 7) as f32 + 0.1));
             check(&LightTree::of_map(&EnvironmentMap::new(picture).unwrap()));
         }
-        for map in [OctahedralMap::EqualArea, OctahedralMap::PraunHoppe] {
-            let texels = (0..1024).map(|t| Vec3::splat((t % 5) as f32)).collect();
-            check(&LightTree::of_grid(&LightGrid::from_texels(map, 32, texels)));
-        }
     }
 
     #[test]
@@ -286,8 +241,8 @@ mod tests {
         // A shift by three columns is a rotation about the vertical axis, right-handed from +z to
         // +x.
         let turn = DQuat::from_rotation_y(-TAU * 3.0 / 32.0);
-        let (turned, mut tree) = (LightTree::of_map(&map.turned(3)), LightTree::of_map(&map));
-        tree.turn_to(turn);
+        let (turned, mut tree) = (LightTree::of_map(&map.shifted_columns(3)), LightTree::of_map(&map));
+        tree.set_rotation(turn);
         let leaves = |tree: &LightTree| {
             let (mut stack, mut out) = (vec![tree.root()], Vec::new());
             while let Some(cell) = stack.pop() {

@@ -55,7 +55,7 @@ const CODING: f32 = 0.04;
 /// compression around the object are weaker.
 const LOSSES: f32 = 0.12;
 /// Largest noise of a plain background, as a share of the object's contrast.
-const MOST_NOISE: f32 = 0.4;
+const MAX_NOISE: f32 = 0.4;
 
 /// Estimates the coverage (0..1) of the object on a plain background with noise.
 ///
@@ -72,7 +72,7 @@ pub(super) fn plain_coverage(small: &Small, size: (usize, usize)) -> Option<Plan
     let from_base = |v: &Vec3| (*v - base).length();
     let noise = SPREADS * quantile(&mut outer.iter().map(from_base).collect::<Vec<_>>(), BORDER_SHARE)?;
     let contrast = contrast(values.as_slice().iter().map(from_base));
-    if contrast < CODING || noise > MOST_NOISE * contrast {
+    if contrast < CODING || noise > MAX_NOISE * contrast {
         return None;
     }
     let near = noise.max(LOSSES * contrast);

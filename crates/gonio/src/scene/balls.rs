@@ -1,15 +1,15 @@
 //! Outline of the largest ball in a picture, and separation of balls that do not touch.
 
 use super::background::plain_coverage;
+use super::ball_detection::{REDUCED_SIDE, detect_ball, is_crisp, on_edges};
 use super::components::flood;
 use super::edges::Edges;
 use super::small::Small;
-use super::spot::{SIDE, is_crisp, on_edges, spot};
-use super::{Circle, SceneError, Sureness, coverage_of, find_sphere};
+use super::{Circle, OutlineReliability, SceneError, coverage_of, find_sphere};
 use crate::picture::{Picture, Plane};
 
 /// Smallest number of pixels of a ball, and smallest share of the pixels of the largest one.
-const LEAST: (usize, f64) = (200, 0.03);
+const MIN_BALL: (usize, f64) = (200, 0.03);
 /// Smallest number of pixels of a separate object, as a share of the largest.
 const SECOND: f64 = 0.2;
 
@@ -36,8 +36,11 @@ pub struct Extent {
 /// Errors of the outline ([`SceneError::is_of_outline`]); [`SceneError::Several`] for several
 /// objects without a mask; [`SceneError::Unsure`] and [`SceneError::NoOutline`] if no ball is
 /// detected reliably.
-pub fn outline_of_ball(picture: &Picture, mask: Option<&Plane<f32>>) -> Result<(Circle, Option<Sureness>), SceneError> {
-    spot(picture, mask).map(|spotted| (spotted.circle, spotted.sureness))
+pub fn outline_of_ball(
+    picture: &Picture,
+    mask: Option<&Plane<f32>>,
+) -> Result<(Circle, Option<OutlineReliability>), SceneError> {
+    detect_ball(picture, mask).map(|spotted| (spotted.circle, spotted.reliability))
 }
 
 /// Returns the coverage of each ball that touches no other, by decreasing size.
@@ -48,7 +51,7 @@ pub fn outline_of_ball(picture: &Picture, mask: Option<&Plane<f32>>) -> Result<(
 pub fn separate_balls(picture: &Picture, mask: Option<&Plane<f32>>) -> Vec<Plane<f32>> {
     let size = picture.rgb.size();
     let alone = |coverage: &Plane<f32>| -> Vec<Plane<f32>> {
-        let seeds = if coverage.size() == size { parts(coverage, LEAST.1) } else { Vec::new() };
+        let seeds = if coverage.size() == size { parts(coverage, MIN_BALL.1) } else { Vec::new() };
         seeds.into_iter().map(|seed| own(coverage, seed)).collect()
     };
     let given = mask.is_some() || picture.alpha.is_some();
@@ -58,7 +61,7 @@ pub fn separate_balls(picture: &Picture, mask: Option<&Plane<f32>>) -> Vec<Plane
         return known.into_iter().filter(|ball| found(ball).is_some()).collect();
     }
     // A background that is plain except for noise or compression losses.
-    let small = Small::of(&picture.rgb, SIDE);
+    let small = Small::of(&picture.rgb, REDUCED_SIDE);
     let Some(coverage) = plain_coverage(&small, size) else { return Vec::new() };
     let edges = Edges::of(&small);
     let circle = |part: &Plane<f32>| on_edges(&picture.rgb, &small, &edges, part);
@@ -96,7 +99,7 @@ fn parts(coverage: &Plane<f32>, share: f64) -> Vec<(usize, usize)> {
     let mut parts = Vec::new();
     for seed in (0..height).flat_map(|y| (0..width).map(move |x| (x, y))) {
         let count = flood(&mut reached, [seed], true, open);
-        if count >= LEAST.0 {
+        if count >= MIN_BALL.0 {
             parts.push((count, seed));
         }
     }

@@ -11,19 +11,19 @@ use super::components::{border, fill_holes, largest_component, neighbours};
 use crate::picture::Plane;
 
 /// Smallest radius of a ball, in pixels.
-pub(super) const LEAST_RADIUS: f64 = 8.0;
+pub(super) const MIN_BALL_RADIUS: f64 = 8.0;
 /// Smallest angle that the visible outline must span, in radians: 75 degrees, so that a ball in a
 /// corner of the picture is accepted.
-const LEAST_SPAN: f64 = 5.0 * PI / 12.0;
+const MIN_SPAN: f64 = 5.0 * PI / 12.0;
 /// Smallest ratio of the shorter to the longer axis of a ball's outline: that of a ball 18 degrees
 /// off the axis of a perspective camera.
-const LEAST_ASPECT: f64 = 0.95;
+const MIN_ASPECT: f64 = 0.95;
 /// Largest share of the outline that may lie far off the circle (a stand, a finger).
-const MOST_STRAY: f64 = 0.3;
+const MAX_STRAY: f64 = 0.3;
 
 /// Outline of a ball and its deviation from a circle.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub(crate) struct FoundCircle {
+pub(crate) struct DetectedCircle {
     /// The circle.
     pub circle: Circle,
     /// Root mean square distance of the outline to the circle, in pixels, without the stray points.
@@ -59,11 +59,11 @@ pub(crate) struct FoundCircle {
 /// * [`SceneError::Elliptic`] when the shorter axis is under 0.95 of the longer.
 /// * [`SceneError::NotACircle`] when the outline deviates by more than half a pixel plus 3 % of the
 ///   radius, or when more than 30 % of it lies far off.
-pub(crate) fn find_sphere(coverage: &Plane<f32>) -> Result<FoundCircle, SceneError> {
+pub(crate) fn find_sphere(coverage: &Plane<f32>) -> Result<DetectedCircle, SceneError> {
     let (ball, rim) = ball_and_rim(coverage)?;
-    let too_small = |radius| SceneError::TooSmall { radius, least: LEAST_RADIUS };
+    let too_small = |radius| SceneError::TooSmall { radius, min: MIN_BALL_RADIUS };
     // No circle fits a straight edge: the visible outline spans no angle.
-    let short = |span: f64| SceneError::ShortOutline { degrees: span.to_degrees(), least: LEAST_SPAN.to_degrees() };
+    let short = |span: f64| SceneError::ShortOutline { degrees: span.to_degrees(), least: MIN_SPAN.to_degrees() };
     let cropped = border(ball.size()).any(|at| ball[at]);
     let fit = fit_circle(&rim).ok_or_else(|| if cropped { short(0.0) } else { no_circle(&rim) })?;
     let circle = fit.circle;
@@ -71,25 +71,25 @@ pub(crate) fn find_sphere(coverage: &Plane<f32>) -> Result<FoundCircle, SceneErr
     let span = span(&fit.near, &circle);
     let seen_half = span >= PI;
     let aspect = if seen_half { aspect(&fit.near, &circle) } else { 1.0 };
-    if fit.spread > 0.5 + 0.03 * circle.radius || stray as f64 > MOST_STRAY * rim.len() as f64 {
+    if fit.spread > 0.5 + 0.03 * circle.radius || stray as f64 > MAX_STRAY * rim.len() as f64 {
         // A clear ellipse is reported as such even where no circle fits it.
-        return Err(if (0.5..LEAST_ASPECT).contains(&aspect) && stray == 0 {
+        return Err(if (0.5..MIN_ASPECT).contains(&aspect) && stray == 0 {
             SceneError::Elliptic { aspect, under_camera: false }
         } else {
             SceneError::NotACircle { residual: fit.spread, radius: circle.radius, stray, rim: rim.len() }
         });
     }
-    if span < LEAST_SPAN {
+    if span < MIN_SPAN {
         return Err(if cropped { short(span) } else { no_circle(&rim) });
     }
-    if circle.radius < LEAST_RADIUS {
+    if circle.radius < MIN_BALL_RADIUS {
         return Err(too_small(circle.radius));
     }
-    if aspect < LEAST_ASPECT {
+    if aspect < MIN_ASPECT {
         return Err(SceneError::Elliptic { aspect, under_camera: false });
     }
     let squares = fit.near.iter().map(|p| (p.distance(DVec2::new(circle.x, circle.y)) - circle.radius).powi(2));
-    Ok(FoundCircle {
+    Ok(DetectedCircle {
         circle,
         residual: (squares.sum::<f64>() / fit.near.len() as f64).sqrt(),
         eccentricity: seen_half.then(|| (1.0 - aspect * aspect).max(0.0).sqrt()),
@@ -126,8 +126,8 @@ fn ball_and_rim(coverage: &Plane<f32>) -> Result<(Plane<bool>, Vec<DVec2>), Scen
     }
     // The smallest area is a quarter of a disc of the smallest radius, cropped by a picture corner.
     let equal_area = (area as f64 / PI).sqrt();
-    if equal_area < 0.5 * LEAST_RADIUS {
-        return Err(SceneError::TooSmall { radius: equal_area, least: LEAST_RADIUS });
+    if equal_area < 0.5 * MIN_BALL_RADIUS {
+        return Err(SceneError::TooSmall { radius: equal_area, min: MIN_BALL_RADIUS });
     }
     let rim = rim_points(coverage, &ball);
     Ok((ball, rim))
@@ -138,11 +138,7 @@ fn ball_and_rim(coverage: &Plane<f32>) -> Result<(Plane<bool>, Vec<DVec2>), Scen
 /// Points where the border of the picture crops the part are omitted.
 pub(super) fn outline(coverage: &Plane<f32>) -> Result<Vec<DVec2>, SceneError> {
     let (_, rim) = ball_and_rim(coverage)?;
-    if rim.len() < 16 {
-        Err(SceneError::ShortOutline { degrees: 0.0, least: LEAST_SPAN.to_degrees() })
-    } else {
-        Ok(rim)
-    }
+    if rim.len() < 16 { Err(SceneError::ShortOutline { degrees: 0.0, least: MIN_SPAN.to_degrees() }) } else { Ok(rim) }
 }
 
 /// Returns the points between the ball and its surroundings where the coverage is one half.
@@ -195,7 +191,7 @@ mod tests {
         })
     }
 
-    fn check(mask: &Plane<f32>, (x, y): (f64, f64), radius: f64, tolerance: f64) -> FoundCircle {
+    fn check(mask: &Plane<f32>, (x, y): (f64, f64), radius: f64, tolerance: f64) -> DetectedCircle {
         let found = find_sphere(mask).unwrap();
         let c = found.circle;
         let error = (c.x - x).abs().max((c.y - y).abs()).max((c.radius - radius).abs());

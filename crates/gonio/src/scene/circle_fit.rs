@@ -22,7 +22,7 @@ pub struct Circle {
 /// efficiency).
 const FAR: f64 = 4.685;
 /// Smallest spread assumed, in pixels: no mask is more accurate.
-const LEAST_SPREAD: f64 = 0.15;
+const MIN_SPREAD: f64 = 0.15;
 
 /// A circle and how well it fits the points.
 #[derive(Clone, Debug)]
@@ -43,7 +43,7 @@ pub(super) fn fit_circle(points: &[DVec2]) -> Option<Fit> {
     // Gauss-Newton on c and r of sum w (|p - c| - r)^2; the weights depend on the distances.
     for _ in 0..100 {
         spread = median_distance(points, &circle) * 1.4826;
-        let reach = FAR * spread.max(LEAST_SPREAD);
+        let reach = FAR * spread.max(MIN_SPREAD);
         let (mut normal, mut right) = (DMat3::ZERO, DVec3::ZERO);
         for p in points {
             let (away, distance) = from_rim(*p, &circle);
@@ -64,7 +64,7 @@ pub(super) fn fit_circle(points: &[DVec2]) -> Option<Fit> {
             break;
         }
     }
-    let reach = FAR * spread.max(LEAST_SPREAD);
+    let reach = FAR * spread.max(MIN_SPREAD);
     let near = points.iter().copied().filter(|p| from_rim(*p, &circle).1.abs() < reach).collect();
     Some(Fit { circle, spread, near })
 }

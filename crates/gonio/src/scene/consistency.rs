@@ -15,7 +15,7 @@ use super::view::has_normal;
 use crate::picture::Plane;
 
 /// Largest side of the picture in which displacements are computed, in pixels.
-const SIDE: usize = 512;
+const MAX_SIDE: usize = 512;
 /// Cells along a side of the disk of normals on which brightness is averaged.
 const CELLS: usize = 64;
 /// Standard deviation of the average over normals, in cells: 5 degrees.
@@ -38,7 +38,7 @@ const ROUNDS: usize = 15;
 /// and about the largest angle by which a normal turns.
 pub(super) fn refined(normals: &Plane<Vec3>, brightness: &Plane<Option<f32>>, error: f64) -> Plane<Vec3> {
     let (width, height) = normals.size();
-    let step = width.max(height).div_ceil(SIDE).max(1);
+    let step = width.max(height).div_ceil(MAX_SIDE).max(1);
     let small = Small::of(normals, brightness, step);
     let moved = small.displacements(error as f32);
     Plane::from_fn(width, height, |x, y| {

@@ -2,32 +2,32 @@
 
 use glam::{DVec3, Vec3};
 
+use super::ball_detection::detect_ball;
 use super::circle::outline;
 use super::components::{flood, largest_component};
 use super::consistency::refined;
 use super::flat_background::flat_background;
 use super::observed::{COVERED, check_size};
-use super::spot::spot;
 use super::view::has_normal;
 use super::{
-    Circle, Ellipse, ObservationSettings, Observations, Orientation, PixelStatus, SceneError, SceneWarning, Sureness,
-    SurfaceView, coverage_of, find_ball, find_ellipse, outlined,
+    Circle, Ellipse, ObservationSettings, Observations, Orientation, OutlineReliability, PixelStatus, SceneError,
+    SceneWarning, SurfaceView, coverage_of, find_ball, find_ellipse, outlined,
 };
 use crate::appearance::scatter;
 use crate::picture::{Picture, Plane, luminance};
-use crate::shape::{Camera, GeometryBuffer, Inflation, Mesh, PosedSurface, Projection, Soundness, Tracer};
+use crate::shape::{Camera, GeometryBuffer, Inflation, Mesh, MeshDefects, PosedSurface, Projection, Tracer};
 use crate::sphere::OctahedralMap;
 
 /// Length of an edge of a position mesh, relative to the median, above which the edge is a step.
-const STEP: f64 = 8.0;
+const DEPTH_STEP: f64 = 8.0;
 
 /// Smallest overlap of surface and mask; below it, the surface is misaligned.
-const LEAST_OVERLAP: f64 = 0.93;
+const MIN_OVERLAP: f64 = 0.93;
 /// Overlap below which a warning reports the misalignment.
 const GOOD_OVERLAP: f64 = 0.97;
 /// Width in pixels of a rim around the object that may differ without misalignment: small objects
 /// are mostly rim.
-const RIM: f64 = 1.5;
+const RIM_WIDTH: f64 = 1.5;
 
 /// Scatter of pixels that share a normal above which inaccurate normals are refined.
 const CONSISTENT: f32 = 0.05;
@@ -40,7 +40,7 @@ const FEW_OUTLIERS: f64 = 0.001;
 /// Positions of a surface pixel by pixel, in coordinates of the camera.
 pub struct PositionMap {
     /// Position of the surface behind each pixel.
-    pub places: Plane<Option<DVec3>>,
+    pub positions: Plane<Option<DVec3>>,
     /// The camera.
     pub camera: Camera,
 }
@@ -79,7 +79,7 @@ pub struct NormalPicture {
 
 /// Shape of the object, detected or given.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Found {
+pub enum DetectedShape {
     /// Outline of a ball, given or detected.
     Circle(Circle),
     /// Centre of a ball, in camera coordinates. In perspective, its distance is one, since the
@@ -93,7 +93,7 @@ pub enum Found {
     /// A given surface.
     Surface,
     /// Given normals, and the soundness of their relief.
-    Normals(Option<Soundness>),
+    Normals(Option<MeshDefects>),
 }
 
 /// Observations of an object in a picture, and its location.
@@ -103,9 +103,9 @@ pub struct Detection {
     /// Coverage of the pixels by the object, 0..=1, if known.
     pub coverage: Option<Plane<f32>>,
     /// Shape of the object.
-    pub found: Found,
+    pub shape: DetectedShape,
     /// Reliability of the outline of a ball that was detected by its edges.
-    pub sureness: Option<Sureness>,
+    pub reliability: Option<OutlineReliability>,
     /// Normals of the object, unless it is a distant ball.
     pub normals: Option<Plane<Vec3>>,
     /// Whether the normals are inflated from the outline, or refined.
@@ -159,8 +159,8 @@ impl Detection {
         let mut detection = match object {
             Object::Sphere(Some(circle)) => known().circle(circle)?,
             Object::Sphere(None) => {
-                let spotted = spot(picture, mask.as_ref())?;
-                Detection { sureness: spotted.sureness, ..looker(spotted.coverage).circle(spotted.circle)? }
+                let spotted = detect_ball(picture, mask.as_ref())?;
+                Detection { reliability: spotted.reliability, ..looker(spotted.coverage).circle(spotted.circle)? }
             }
             Object::Ball(camera) => {
                 let coverage = outlined(picture, mask.as_ref())?;
@@ -168,7 +168,7 @@ impl Detection {
                 let looker = looker(Some(coverage));
                 looker.surface(
                     PosedSurface { surface: Box::new(ball), camera, default_camera: false },
-                    Found::Ball(ball.centre()),
+                    DetectedShape::Ball(ball.centre()),
                 )?
             }
             Object::Ellipsoid(given) => {
@@ -178,15 +178,17 @@ impl Detection {
                 let surface = Box::new(ellipse.with_depth(depth)?);
                 let camera = Camera::new(Projection::Orthographic { pixels_per_unit: 1.0 }, (0.0, 0.0), size)?;
                 let looker = looker(Some(coverage));
-                let mut detection = looker
-                    .surface(PosedSurface { surface, camera, default_camera: false }, Found::Ellipse(ellipse, depth))?;
+                let mut detection = looker.surface(
+                    PosedSurface { surface, camera, default_camera: false },
+                    DetectedShape::Ellipse(ellipse, depth),
+                )?;
                 if given.is_none() {
                     detection.scene_warnings.push(SceneWarning::Depth(depth));
                 }
                 detection
             }
             Object::Outline => looker(Some(outlined(picture, mask.as_ref())?)).inflated()?,
-            Object::Surface(placed) => known().surface(placed, Found::Surface)?,
+            Object::Surface(placed) => known().surface(placed, DetectedShape::Surface)?,
             Object::Normals(view) => known().normals(*view)?,
         };
         let report = &detection.observations.report;
@@ -240,8 +242,8 @@ impl Detection {
         Some(Self {
             observations,
             coverage: self.coverage.clone(),
-            found: self.found.clone(),
-            sureness: self.sureness,
+            shape: self.shape.clone(),
+            reliability: self.reliability,
             normals: Some(normals),
             estimated_normals: true,
             size: self.size,
@@ -297,8 +299,8 @@ impl Detection {
 
     /// Returns the outline if the object is a distant ball.
     pub fn circle(&self) -> Option<Circle> {
-        match self.found {
-            Found::Circle(circle) => Some(circle),
+        match self.shape {
+            DetectedShape::Circle(circle) => Some(circle),
             _ => None,
         }
     }
@@ -316,24 +318,24 @@ struct Detector<'a> {
 impl Detector<'_> {
     fn circle(self, circle: Circle) -> Result<Detection, SceneError> {
         let observations = Observations::of_sphere(self.picture, &circle, self.coverage.as_ref(), self.settings)?;
-        Ok(self.detection(observations, Found::Circle(circle)))
+        Ok(self.detection(observations, DetectedShape::Circle(circle)))
     }
 
-    fn surface(self, placed: PosedSurface, found: Found) -> Result<Detection, SceneError> {
+    fn surface(self, placed: PosedSurface, found: DetectedShape) -> Result<Detection, SceneError> {
         let buffer = GeometryBuffer::of(placed.surface.as_ref(), &placed.camera);
         let mut scene_warnings = Vec::new();
         if let Some(coverage) = &self.coverage {
             let Overlap { share: overlap, is_rim, is_part } = Overlap::of(coverage, &buffer.distances);
             let is_aligned = is_rim || (self.masked && is_part);
-            if overlap < LEAST_OVERLAP && !is_aligned && !self.settings.force {
+            if overlap < MIN_OVERLAP && !is_aligned && !self.settings.force {
                 return Err(SceneError::Elsewhere { overlap, default_camera: placed.default_camera });
             }
             if overlap < GOOD_OVERLAP && !is_aligned {
                 scene_warnings.push(SceneWarning::Misplaced { overlap });
             }
         }
-        if 20 * buffer.inside > buffer.seen {
-            scene_warnings.push(SceneWarning::Inside { inside: buffer.inside, seen: buffer.seen });
+        if 20 * buffer.back_facing > buffer.visible {
+            scene_warnings.push(SceneWarning::Inside { inside: buffer.back_facing, seen: buffer.visible });
         }
         let view =
             SurfaceView { normals: &buffer.normals, camera: Some(&placed.camera), distances: Some(&buffer.distances) };
@@ -341,7 +343,7 @@ impl Detector<'_> {
         Ok(Detection {
             normals: Some(buffer.normals),
             placed: Some(placed),
-            pixels: Some((buffer.seen, buffer.inside)),
+            pixels: Some((buffer.visible, buffer.back_facing)),
             scene_warnings,
             ..self.detection(observations, found)
         })
@@ -360,7 +362,7 @@ impl Detector<'_> {
             normals: Some(normals),
             estimated_normals: true,
             inaccurate,
-            ..self.detection(observations, Found::Outline(inflation.depth()))
+            ..self.detection(observations, DetectedShape::Outline(inflation.depth()))
         };
         Ok(detection.made_consistent(picture))
     }
@@ -394,7 +396,7 @@ impl Detector<'_> {
             placed,
             inaccurate: is_inaccurate.then_some(Inaccurate { error, camera, settings: *self.settings }),
             scene_warnings,
-            ..self.detection(observations, Found::Normals(soundness))
+            ..self.detection(observations, DetectedShape::Normals(soundness))
         };
         Ok(detection.made_consistent(picture))
     }
@@ -402,25 +404,25 @@ impl Detector<'_> {
     /// Builds the surface of a position map, cut to the object.
     fn relief(
         &self,
-        PositionMap { mut places, camera }: PositionMap,
+        PositionMap { positions: mut places, camera }: PositionMap,
         default_camera: bool,
-    ) -> Result<(PosedSurface, Soundness), SceneError> {
+    ) -> Result<(PosedSurface, MeshDefects), SceneError> {
         let size = self.picture.rgb.size();
         check_size("depth or position map", places.size(), size)?;
         if let Some(coverage) = &self.coverage {
             let cut = places.as_slice().iter().zip(coverage.as_slice()).map(|(p, c)| p.filter(|_| *c >= 0.5));
             places = Plane::from_vec(size.0, size.1, cut.collect());
         }
-        let (mesh, soundness) = Mesh::of_positions(&places, STEP)?;
+        let (mesh, soundness) = Mesh::of_positions(&places, DEPTH_STEP)?;
         Ok((PosedSurface { surface: Box::new(Tracer::new(mesh)), camera, default_camera }, soundness))
     }
 
-    fn detection(self, observations: Observations, found: Found) -> Detection {
+    fn detection(self, observations: Observations, found: DetectedShape) -> Detection {
         Detection {
             observations,
             coverage: self.coverage,
-            found,
-            sureness: None,
+            shape: found,
+            reliability: None,
             normals: None,
             estimated_normals: false,
             size: self.picture.rgb.size(),
@@ -454,8 +456,8 @@ fn solid(coverage: &Plane<f32>) -> Result<Plane<bool>, SceneError> {
 struct Overlap {
     /// Number of pixels in both, over the number of pixels in either.
     share: f64,
-    /// Whether mask and silhouette differ by at most the number of pixels in a rim of width [`RIM`]
-    /// around the mask.
+    /// Whether mask and silhouette differ by at most the number of pixels in a rim of width
+    /// [`RIM_WIDTH`] around the mask.
     is_rim: bool,
     /// Whether the two overlap and at most that many mask pixels are outside the silhouette. A mask
     /// may select a part of the object.
@@ -475,7 +477,7 @@ impl Overlap {
             let at_border = (x > 0 && covered(x - 1, y) != covers) || (y > 0 && covered(x, y - 1) != covers);
             border += usize::from(at_border);
         }
-        let rim = RIM * border as f64;
+        let rim = RIM_WIDTH * border as f64;
         Self {
             share: shared as f64 / either.max(1) as f64,
             is_rim: (either - shared) as f64 <= rim,
@@ -507,11 +509,11 @@ mod tests {
         assert!(same.share == 1.0 && same.is_rim && same.is_part);
         // Small objects are mostly rim.
         let small = overlap(disk(10.0, 0.0), disk(11.0, 0.0));
-        assert!(small.share < LEAST_OVERLAP && small.is_rim, "{}", small.share);
+        assert!(small.share < MIN_OVERLAP && small.is_rim, "{}", small.share);
         let shifted = overlap(disk(30.0, 0.0), disk(30.0, 8.0));
-        assert!(shifted.share < LEAST_OVERLAP && !shifted.is_rim && !shifted.is_part, "{}", shifted.share);
+        assert!(shifted.share < MIN_OVERLAP && !shifted.is_rim && !shifted.is_part, "{}", shifted.share);
         let part = overlap(disk(12.0, 5.0), disk(30.0, 0.0));
-        assert!(part.share < LEAST_OVERLAP && !part.is_rim && part.is_part, "{}", part.share);
+        assert!(part.share < MIN_OVERLAP && !part.is_rim && part.is_part, "{}", part.share);
         assert!(!overlap(disk(12.0, 0.0), |_, _| false).is_part);
     }
 

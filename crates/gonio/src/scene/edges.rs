@@ -10,18 +10,18 @@ use std::f32::consts::TAU;
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
-use super::circle::LEAST_RADIUS;
+use super::circle::MIN_BALL_RADIUS;
 use super::circle_fit::Circle;
 use super::rim::refined;
 use super::small::Small;
 use crate::picture::Plane;
 
 /// Longer side of the picture at the coarse scale, in pixels.
-const SIDE: usize = 128;
+const COARSE_SIDE: usize = 128;
 /// Smallest radius of a circle at the coarse scale, in pixels.
-const LEAST: f32 = 6.0;
+const MIN_COARSE_RADIUS: f32 = 6.0;
 /// Largest radius of a circle, as a share of the shorter side.
-const MOST_SHARE: f32 = 0.6;
+const MAX_SHARE: f32 = 0.6;
 /// Ratio of neighbouring radii in the grid of circles.
 const GROWTH: f32 = 1.05;
 /// Distance between neighbouring centres in the grid of circles, in pixels.
@@ -33,7 +33,7 @@ const FIRST: usize = 16;
 /// Smallest score of a circle of the grid.
 const PROMISING: f32 = 0.15;
 /// Smallest score of a refined circle.
-const LEAST_SCORE: f32 = 0.25;
+const MIN_SCORE: f32 = 0.25;
 /// Largest number of circles of the grid that are refined.
 const CLOSER: usize = 400;
 /// Number of circles around a candidate that are also tried.
@@ -42,7 +42,7 @@ const AROUND: usize = 8;
 /// touch its rim.
 const NEARBY: f32 = 0.1;
 /// Largest difference of two circles that count as the same, as a share of the radius.
-const SAME: f32 = 0.2;
+const SAME_CIRCLE: f32 = 0.2;
 /// Smallest product of an edge that supports a circle: within 30 degrees of its tangent.
 const SUPPORTS: f32 = 0.5;
 /// Strength of an edge that exceeds noise: squared change of the compressed values per pixel.
@@ -50,7 +50,7 @@ const FAINT: f32 = 2e-5;
 /// Share of the mean edge strength added to the denominator that normalises each edge.
 const TEXTURE: f32 = 0.25;
 /// Distance from a rim within which edges belong to its circle, in pixels of the coarse scale.
-const RIM: f32 = 2.5;
+const RIM_DISTANCE: f32 = 2.5;
 
 /// Edges of a photograph at two scales.
 ///
@@ -67,7 +67,7 @@ pub(super) struct Edges {
 
 impl Edges {
     pub(super) fn of(small: &Small) -> Self {
-        let coarse = small.reduced(SIDE);
+        let coarse = small.reduced(COARSE_SIDE);
         Self {
             coarse: Field::of(&coarse.values),
             fine: Field::of(&small.values),
@@ -78,8 +78,8 @@ impl Edges {
 
     /// Returns the edges without those at the rim of a circle.
     pub(super) fn without(&self, ring: &Ring) -> Self {
-        let fine = self.fine.without(&ring.scaled(self.ratio), RIM * self.ratio);
-        Self { coarse: self.coarse.without(ring, RIM), fine, step: self.step, ratio: self.ratio }
+        let fine = self.fine.without(&ring.scaled(self.ratio), RIM_DISTANCE * self.ratio);
+        Self { coarse: self.coarse.without(ring, RIM_DISTANCE), fine, step: self.step, ratio: self.ratio }
     }
 
     /// Returns the circles of a grid with a high score at the coarse scale, by decreasing weight.
@@ -116,12 +116,12 @@ impl Edges {
     /// Returns the best circle on edges of the photograph near a rough circle, if any.
     ///
     /// Circles around the rough one are also tried.
-    pub(super) fn settled(&self, rgb: &Plane<Vec3>, small: &Small, rough: &Ring) -> Option<(Ring, Circle)> {
+    pub(super) fn refined(&self, rgb: &Plane<Vec3>, small: &Small, rough: &Ring) -> Option<(Ring, Circle)> {
         let on_edges = |ring: Ring| {
             let [x, y, radius] = [ring.x, ring.y, ring.radius].map(|v| f64::from(v) * self.step);
             let circle = refined(rgb, small, &Circle { x, y, radius }, 2.0 * self.step)?;
             let ring = self.ring(&circle);
-            (ring.score >= LEAST_SCORE && circle.radius >= LEAST_RADIUS).then_some((ring, circle))
+            (ring.score >= MIN_SCORE && circle.radius >= MIN_BALL_RADIUS).then_some((ring, circle))
         };
         let heavier = |a: (Ring, Circle), b: (Ring, Circle)| if b.0.weight() > a.0.weight() { b } else { a };
         rough.around().filter_map(on_edges).reduce(heavier)
@@ -160,7 +160,7 @@ impl Ring {
 
     fn is_same(&self, other: &Self) -> bool {
         let off = (self.x - other.x).abs().max((self.y - other.y).abs()).max((self.radius - other.radius).abs());
-        off <= SAME * self.radius.max(other.radius)
+        off <= SAME_CIRCLE * self.radius.max(other.radius)
     }
 }
 
@@ -243,9 +243,9 @@ impl Field {
     /// Each circle is moved to the best position nearby.
     fn best(&self) -> Vec<Ring> {
         let (width, height) = self.edges.size();
-        let most = MOST_SHARE * width.min(height) as f32;
+        let most = MAX_SHARE * width.min(height) as f32;
         let radii: Vec<f32> =
-            std::iter::successors(Some(LEAST), |r| Some(r * GROWTH)).take_while(|r| *r <= most).collect();
+            std::iter::successors(Some(MIN_COARSE_RADIUS), |r| Some(r * GROWTH)).take_while(|r| *r <= most).collect();
         let row = |y: usize| {
             let at = |x: usize| radii.iter().map(move |&radius| (x, radius));
             let rings = (0..width).step_by(APART).flat_map(at).filter_map(move |(x, radius)| {
@@ -264,7 +264,7 @@ impl Field {
         sort(&mut rings, |ring| ring);
         rings.truncate(CLOSER);
         rings = rings.into_par_iter().map(|ring| self.climbed(ring)).collect();
-        rings.retain(|ring| ring.score >= LEAST_SCORE);
+        rings.retain(|ring| ring.score >= MIN_SCORE);
         sort(&mut rings, |ring| ring);
         rings
     }
@@ -276,8 +276,12 @@ impl Field {
                 let moves =
                     [(by, 0.0, 0.0), (-by, 0.0, 0.0), (0.0, by, 0.0), (0.0, -by, 0.0), (0.0, 0.0, by), (0.0, 0.0, -by)];
                 let moved = moves.map(|(dx, dy, dr)| {
-                    let ring =
-                        Ring { x: ring.x + dx, y: ring.y + dy, radius: (ring.radius + dr).max(LEAST), score: 0.0 };
+                    let ring = Ring {
+                        x: ring.x + dx,
+                        y: ring.y + dy,
+                        radius: (ring.radius + dr).max(MIN_COARSE_RADIUS),
+                        score: 0.0,
+                    };
                     Ring { score: self.score(&ring), ..ring }
                 });
                 let Some(best) = moved.into_iter().max_by(|a, b| a.weight().total_cmp(&b.weight())) else { break };

@@ -2,7 +2,7 @@
 
 use thiserror::Error;
 
-use super::{Candidate, Circle, Contradiction, Extent, ObservationReport};
+use super::{Circle, CircleCandidate, Contradiction, Extent, ObservationReport};
 use crate::shape::{CameraError, MeshError};
 use crate::suggestion::Suggestion;
 
@@ -23,14 +23,14 @@ pub enum SceneError {
     MaskEverywhere,
     /// The covered part is too small for a ball.
     #[error(
-        "the ball in the mask has a radius of only {radius:.1} pixels, {least} are required; use a larger image, or \
+        "the ball in the mask has a radius of only {radius:.1} pixels, {min} are required; use a larger image, or \
          check the mask"
     )]
     TooSmall {
         /// Estimated radius, in pixels; without a fitted circle, that of a disc of the same area.
         radius: f64,
         /// Smallest accepted radius, in pixels.
-        least: f64,
+        min: f64,
     },
     /// Too little of the outline lies within the picture.
     #[error("only {degrees:.0} degrees of the ball's outline lie in the image, {least:.0} are required")]
@@ -195,7 +195,7 @@ pub enum SceneError {
     )]
     Unsure {
         /// Circles that may be its outline, the most probable first.
-        candidates: Vec<Candidate>,
+        candidates: Vec<CircleCandidate>,
     },
     /// The surface is not aligned with the mask.
     #[error(

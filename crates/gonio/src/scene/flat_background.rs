@@ -9,16 +9,16 @@ use super::components::{border, flood, neighbours};
 use crate::picture::Plane;
 
 /// Largest deviation of a component from the vector of the background: about one code of 8 bits.
-const SAME: f32 = 0.012;
+const MAX_DEVIATION: f32 = 0.012;
 /// Smallest share of the border with the vector of the background.
 const BORDER_SHARE: f64 = 0.75;
 /// Smallest share of the map that is background.
-const LEAST_SHARE: f64 = 0.1;
+const MIN_SHARE: f64 = 0.1;
 /// Smallest share of the map that is not background.
-const LEAST_OBJECT: f64 = 0.01;
+const MIN_OBJECT: f64 = 0.01;
 /// Smallest median difference of the normals on both sides of the outline: 15 degrees. A flat
 /// object with a relief has smaller differences.
-const LEAST_STEP: f32 = 0.26;
+const MIN_STEP: f32 = 0.26;
 
 /// Detects a background of one vector, connected to the border, and marks its pixels. Returns
 /// `None` if the map has no such background.
@@ -35,7 +35,7 @@ pub(super) fn flat_background(normals: &Plane<Vec3>) -> Option<Plane<bool>> {
     if vector == Vec3::ZERO {
         return None;
     }
-    let is_same = |n: Vec3| (n - vector).abs().max_element() < SAME;
+    let is_same = |n: Vec3| (n - vector).abs().max_element() < MAX_DEVIATION;
     let share = |count: usize, of: usize| count as f64 / of as f64;
     if share(on_border.iter().filter(|n| is_same(**n)).count(), on_border.len()) < BORDER_SHARE {
         return None;
@@ -43,7 +43,7 @@ pub(super) fn flat_background(normals: &Plane<Vec3>) -> Option<Plane<bool>> {
     let mut background = normals.map(|_| false);
     let count = flood(&mut background, border(size), false, |at| is_same(normals[at]));
     let all = size.0 * size.1;
-    if share(count, all) < LEAST_SHARE || share(all - count, all) < LEAST_OBJECT {
+    if share(count, all) < MIN_SHARE || share(all - count, all) < MIN_OBJECT {
         return None;
     }
     let inside = |at: &(usize, usize)| !background[*at] && neighbours(*at, size, true).any(|next| background[next]);
@@ -51,7 +51,7 @@ pub(super) fn flat_background(normals: &Plane<Vec3>) -> Option<Plane<bool>> {
     let mut steps: Vec<f32> = pixels.filter(inside).map(|at| (normals[at] - vector).length()).collect();
     steps.sort_by(f32::total_cmp);
     let median = steps.get(steps.len() / 2)?;
-    (*median > LEAST_STEP).then_some(background)
+    (*median > MIN_STEP).then_some(background)
 }
 
 #[cfg(test)]

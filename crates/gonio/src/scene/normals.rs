@@ -5,9 +5,9 @@ use std::collections::BTreeMap;
 use glam::{DVec3, Vec3};
 
 use super::components::neighbours;
-use super::foreign::Underlay;
-use super::observations::LEAST_POINTS;
+use super::observations::MIN_POINTS;
 use super::observed::{COVERED, ObservedColour, check_size};
+use super::paint_segmentation::SurfaceGeometry;
 use super::repair::{repaired, without_outliers};
 use super::status::{Judged, judge};
 use super::view::{SurfaceView, has_normal};
@@ -21,7 +21,7 @@ use crate::sphere::OctahedralMap;
 /// Largest error of a normal's length: renderers filter normals, and 8-bit files round them.
 const LENGTH_TOLERANCE: f32 = 0.05;
 /// Largest share of faulty normals, which are skipped; above it, the map is rejected.
-const MOST_FAULTY: f64 = 0.02;
+const MAX_FAULTY: f64 = 0.02;
 /// Cells along a side of the grid on which directions are counted: 1.6 degrees each.
 const COUNTING_SIDE: usize = 128;
 /// Points per cell of the thinning grid if the whole hemisphere is visible.
@@ -109,16 +109,16 @@ impl Observations {
         });
         let used = facing.iter().filter(within).count();
         report.at_edges = steep - used;
-        if used < LEAST_POINTS {
+        if used < MIN_POINTS {
             let outside = covered.as_slice().iter().filter(|c| **c).count() - used;
-            return Err(SceneError::TooFewPoints { used, clipped: 0, outside, least: LEAST_POINTS });
+            return Err(SceneError::TooFewPoints { used, clipped: 0, outside, least: MIN_POINTS });
         }
         let mut directions: Vec<usize> =
             facing.iter().filter(within).map(|c| cell(c.seen(surface), COUNTING_SIDE)).collect();
         directions.sort_unstable();
         directions.dedup();
-        if directions.len() < LEAST_POINTS {
-            return Err(SceneError::TooFlat { directions: directions.len(), least: LEAST_POINTS });
+        if directions.len() < MIN_POINTS {
+            return Err(SceneError::TooFlat { directions: directions.len(), least: MIN_POINTS });
         }
 
         let mut region = Plane::from_fn(width, height, |_, _| false);
@@ -126,7 +126,7 @@ impl Observations {
             region.as_mut_slice()[candidate.pixel as usize] = true;
         }
         let normal = |at| normals[at].normalize_or_zero();
-        let underlay = Underlay { normal: &normal, convex: false };
+        let underlay = SurfaceGeometry { normal: &normal, convex: false };
         let Judged { mut statuses, mut report } = judge(rgb, &region, settings, &underlay, report)?;
         let without_outliers = without_outliers(rgb, &statuses);
         for (i, (inside, status)) in region.as_mut_slice().iter_mut().zip(statuses.as_slice()).enumerate() {
@@ -261,7 +261,7 @@ fn facing(surface: &SurfaceView<'_>, covered: &Plane<bool>) -> Result<(Vec<Candi
             kept.push(candidate);
         }
     }
-    let too_many = |faulty: usize, of: usize| faulty as f64 > MOST_FAULTY * of as f64;
+    let too_many = |faulty: usize, of: usize| faulty as f64 > MAX_FAULTY * of as f64;
     let unit = count - report.not_unit;
     if count == 0 {
         Err(SceneError::NoNormals)

@@ -6,9 +6,9 @@ use std::sync::Arc;
 use glam::{DVec3, Vec3};
 use serde::{Deserialize, Serialize};
 
-use super::circle::LEAST_RADIUS;
-use super::foreign::Underlay;
+use super::circle::MIN_BALL_RADIUS;
 use super::observed::{COVERED, ObservedColour, check_size};
+use super::paint_segmentation::SurfaceGeometry;
 use super::repair::repaired;
 use super::status::{Judged, judge};
 use super::{Circle, PixelStatus, SceneError};
@@ -20,11 +20,11 @@ use crate::sphere::fibonacci_hemisphere;
 
 /// Smallest number of points with a value, as required by
 /// [`Plan::project`](crate::transfer::Plan::project).
-pub(super) const LEAST_POINTS: usize = 50;
+pub(super) const MIN_POINTS: usize = 50;
 
 /// Smallest share of the interpolation weight that the valid pixels around a point must have if the
 /// others are faulty.
-const LEAST_WEIGHT: f32 = 0.5;
+const MIN_WEIGHT: f32 = 0.5;
 
 /// Settings for sampling a picture.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -77,8 +77,7 @@ impl ObservationSettings {
 }
 
 /// Counts of the points and pixels of a picture by status.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(default)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ObservationReport {
     /// Points of the surface: `used + clipped + outside + faulty + other_colour + in_shadow`.
     pub points: usize,
@@ -151,7 +150,7 @@ pub struct Observations {
     pub visibility: Option<Visibility>,
     /// Share of the light of a uniform sky that reaches each point, in 0..=1; one without
     /// occlusion.
-    pub open: Vec<f64>,
+    pub sky_view: Vec<f64>,
     /// Counts of the points and pixels by status.
     pub report: ObservationReport,
     /// Status of each pixel, if any pixel on the object is ignored.
@@ -190,7 +189,7 @@ impl Observations {
             colours: rgb.iter().copied().map(Some).collect(),
             weights: vec![1.0; count],
             visibility: None,
-            open: vec![1.0; count],
+            sky_view: vec![1.0; count],
             report: ObservationReport::default(),
             statuses: None,
             dense: Vec::new(),
@@ -198,7 +197,7 @@ impl Observations {
     }
 
     /// Returns the points with their visibility, in the form that the operator requires.
-    pub fn seen(&self) -> Points<'_> {
+    pub fn points_with_visibility(&self) -> Points<'_> {
         Points::new(&self.points, self.visibility.as_ref())
     }
 
@@ -206,8 +205,8 @@ impl Observations {
     ///
     /// This is the weight of its value, reduced where much of the light is occluded, because
     /// interreflections replace part of that light. Zero without a value.
-    pub fn trust(&self) -> Vec<f64> {
-        let each = self.values.iter().zip(&self.weights).zip(&self.open);
+    pub fn effective_weights(&self) -> Vec<f64> {
+        let each = self.values.iter().zip(&self.weights).zip(&self.sky_view);
         each.map(|((value, weight), open)| if value.is_some() { weight * open.powi(4) } else { 0.0 }).collect()
     }
 
@@ -226,7 +225,7 @@ impl Observations {
             colours: some(&self.colours, indices),
             weights: some(&self.weights, indices),
             visibility: self.visibility.as_ref().map(|v| v.select(indices)),
-            open: some(&self.open, indices),
+            sky_view: some(&self.sky_view, indices),
             report: self.report,
             statuses: self.statuses.clone(),
             dense: Vec::new(),
@@ -238,7 +237,7 @@ impl Observations {
         if !self.dense.is_empty() {
             return Cow::Borrowed(&self.dense);
         }
-        let each = self.points.iter().zip(self.values.iter().zip(&self.colours)).zip(self.trust());
+        let each = self.points.iter().zip(self.values.iter().zip(&self.colours)).zip(self.effective_weights());
         each.filter_map(|((point, (value, rgb)), weight)| {
             let sample = Sample::of(point.in_view(), (*value)?, weight);
             Some(rgb.map_or(sample, |rgb| sample.coloured(rgb)))
@@ -273,8 +272,8 @@ impl Observations {
         // No picture has more than 10^7 pixels along a side, and `f64` resolves much less than a
         // pixel at this size.
         let sane = x.abs() < 1e7 && y.abs() < 1e7 && radius < 1e7;
-        if !(sane && radius >= LEAST_RADIUS) {
-            return Err(SceneError::BadCircle { x, y, radius, least: LEAST_RADIUS });
+        if !(sane && radius >= MIN_BALL_RADIUS) {
+            return Err(SceneError::BadCircle { x, y, radius, least: MIN_BALL_RADIUS });
         }
         let rgb = &picture.rgb;
         let (width, height) = rgb.size();
@@ -295,7 +294,7 @@ impl Observations {
             let (nx, ny) = ((column as f64 + 0.5 - x) / radius, (y - row as f64 - 0.5) / radius);
             DVec3::new(nx, ny, (1.0 - nx * nx - ny * ny).max(0.0).sqrt()).as_vec3()
         };
-        let underlay = Underlay { normal: &normal, convex: true };
+        let underlay = SurfaceGeometry { normal: &normal, convex: true };
         let judged = judge(rgb, &region, settings, &underlay, ObservationReport::default())?;
 
         let points = sphere_points(settings);
@@ -332,11 +331,11 @@ impl Observations {
             ..report
         };
         let ObservationReport { used, clipped, outside, faulty, .. } = report;
-        if used < LEAST_POINTS && used + faulty >= LEAST_POINTS {
+        if used < MIN_POINTS && used + faulty >= MIN_POINTS {
             return Err(SceneError::bad_pixels(&report));
         }
-        if used < LEAST_POINTS {
-            return Err(SceneError::TooFewPoints { used, clipped, outside, least: LEAST_POINTS });
+        if used < MIN_POINTS {
+            return Err(SceneError::TooFewPoints { used, clipped, outside, least: MIN_POINTS });
         }
         // Luminance of the unmodified colours, including negative channels.
         let values: Vec<Option<f64>> = seen.iter().map(|s| colour(s).map(|c| f64::from(luminance(c)))).collect();
@@ -355,7 +354,7 @@ impl Observations {
             colours,
             weights,
             visibility: None,
-            open,
+            sky_view: open,
             report,
             statuses,
             dense: Vec::new(),
@@ -385,7 +384,7 @@ fn sample(rgb: &Plane<Vec3>, statuses: &Plane<PixelStatus>, (x, y): (f64, f64)) 
         let weights = [(1.0 - s) * (1.0 - t), s * (1.0 - t), (1.0 - s) * t, s * t];
         let sound = four.iter().zip(weights).filter(|(at, _)| !statuses[**at].is_faulty());
         let (sum, weight) = sound.fold((Vec3::ZERO, 0.0), |(sum, all), (at, w)| (sum + w * rgb[*at], all + w));
-        return if weight >= LEAST_WEIGHT { ObservedColour::Colour(sum / weight) } else { ObservedColour::Faulty };
+        return if weight >= MIN_WEIGHT { ObservedColour::Colour(sum / weight) } else { ObservedColour::Faulty };
     }
     let [a, b, c, d] = four.map(|at| rgb[at]);
     ObservedColour::Colour(a.lerp(b, s).lerp(c.lerp(d, s), t))

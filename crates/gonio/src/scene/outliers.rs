@@ -17,11 +17,11 @@ use crate::picture::Plane;
 use stencil::{NEIGHBOURS, Prediction, Stencil};
 
 /// Deviation that noise explains, in standard deviations.
-const NOISE: f64 = 8.0;
+const NOISE_DEVIATIONS: f64 = 8.0;
 /// Deviation that the largest residual of the neighbours explains, in units of that residual.
 const STRUCTURE: f64 = 15.0;
 /// Residual of the neighbours that noise explains, in standard deviations.
-const LARGEST_OF_NOISE: f64 = 3.0;
+const MAX_OF_NOISE: f64 = 3.0;
 /// Smallest noise in steps of a coded picture: its values differ by whole steps or not at all.
 const MIN_NOISE_OF_STEP: f64 = 0.3;
 /// Smallest noise, relative to the values around a pixel.
@@ -36,7 +36,7 @@ const RIM_OF_NOISE: f64 = 6.0;
 /// Smallest excess of these pixels relative to that of the pixel itself. A lamp in a ball of an
 /// orange phenolic, 64 pixels across, has 0.046; hot pixels at four positions of the sample have
 /// 0.0003 or less.
-const RIM: f64 = 0.01;
+const MIN_RING_EXCESS: f64 = 0.01;
 /// Smallest score of an outlier: its deviation relative to what noise and structure explain.
 const MIN_SCORE: f64 = 2.0;
 /// Score below which a pixel is not recorded.
@@ -196,8 +196,8 @@ impl<'a> OutlierDetector<'a> {
         let window = self.window(pixel, channel);
         let Some(found) = self.predict(&window) else { return (0.0, false) };
         let noise = self.noise[channel].at(found.level);
-        let structure = unexplained(found.largest, LARGEST_OF_NOISE * noise);
-        let score = (own - found.value).abs() / (NOISE * noise + STRUCTURE * structure);
+        let structure = unexplained(found.largest, MAX_OF_NOISE * noise);
+        let score = (own - found.value).abs() / (NOISE_DEVIATIONS * noise + STRUCTURE * structure);
         let bright = own > high;
         let explained = score <= RECORDED_SCORE || window.has_halo(bright) || bright && window.has_rim(own, noise);
         if explained { (0.0, false) } else { (score, bright) }
@@ -293,7 +293,7 @@ impl Window {
             NEIGHBOURS.iter().enumerate().filter(|(i, (x, y))| self.known >> i & 1 == 1 && x.abs() + y.abs() == 1);
         let mut near: Vec<f64> = near.map(excess).collect();
         near.sort_unstable_by(f64::total_cmp);
-        let least = f64::max(RIM_OF_NOISE * noise, RIM * (own - ring.at(&self.values, 24)));
+        let least = f64::max(RIM_OF_NOISE * noise, MIN_RING_EXCESS * (own - ring.at(&self.values, 24)));
         near.len() > 2 && near[1] > least
     }
 

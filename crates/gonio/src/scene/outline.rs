@@ -4,10 +4,9 @@ use faer::Mat;
 use glam::{DMat3, DVec2, DVec3};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
-use serde::{Deserialize, Serialize};
 
 use super::SceneError;
-use super::circle::{LEAST_RADIUS, outline};
+use super::circle::{MIN_BALL_RADIUS, outline};
 use crate::linalg::solve_positive;
 use crate::picture::Plane;
 use crate::shape::{Camera, Ellipsoid};
@@ -17,17 +16,17 @@ use crate::shape::{Camera, Ellipsoid};
 const DRAWS: usize = 120;
 /// Largest semi-major axis, in root mean square distances of the outline from its centroid: longer
 /// ellipses fit two lines.
-const MOST_LENGTH: f64 = 8.0;
+const MAX_LENGTH: f64 = 8.0;
 /// Number of rounds of reweighting.
 const ROUNDS: usize = 12;
 /// Share of the outline that must lie near the fit.
 const NEAR_SHARE: f64 = 0.7;
 /// Tolerance of these points, relative to the shorter semi-axis (or the angular radius of a ball);
 /// half a pixel is added.
-const MOST_STRAY: f64 = 0.02;
+const MAX_STRAY: f64 = 0.02;
 
 /// An ellipse in a picture.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ellipse {
     /// Column and row of the centre, in pixels from the top left corner.
     pub centre: (f64, f64),
@@ -51,7 +50,8 @@ impl Ellipse {
         let along = DVec3::from((DVec2::from_angle(self.angle), 0.0));
         let axes = DMat3::from_cols(long * along, short * DVec3::Z.cross(along), depth * DVec3::Z);
         let centre = DVec3::new(self.centre.0, -self.centre.1, -2.0 * depth);
-        Ellipsoid::new(centre, axes).map_err(|_| SceneError::TooSmall { radius: short.min(depth), least: LEAST_RADIUS })
+        Ellipsoid::new(centre, axes)
+            .map_err(|_| SceneError::TooSmall { radius: short.min(depth), min: MIN_BALL_RADIUS })
     }
 }
 
@@ -97,11 +97,11 @@ pub(crate) fn find_ellipse(coverage: &Plane<f32>) -> Result<Ellipse, SceneError>
     let (long, short) = (unit * axes.0.sqrt(), unit * axes.1.sqrt());
     let mut distances: Vec<f64> = points.iter().map(|p| unit * conic(&c, *p).abs()).collect();
     let residual = quantile(&mut distances, NEAR_SHARE);
-    if residual > 0.5 + MOST_STRAY * short || long > MOST_LENGTH * unit {
+    if residual > 0.5 + MAX_STRAY * short || long > MAX_LENGTH * unit {
         return Err(none(residual));
     }
-    if short < LEAST_RADIUS {
-        return Err(SceneError::TooSmall { radius: short, least: LEAST_RADIUS });
+    if short < MIN_BALL_RADIUS {
+        return Err(SceneError::TooSmall { radius: short, min: MIN_BALL_RADIUS });
     }
     let centre = middle + unit * centre;
     Ok(Ellipse { centre: (centre.x, centre.y), axes: (long, short), angle: -flat })
@@ -153,11 +153,11 @@ pub(crate) fn find_ball(coverage: &Plane<f32>, camera: &Camera) -> Result<Ellips
     let mut strays: Vec<f64> = (0..rows.len()).map(|i| cone(&b, i).abs()).collect();
     let residual = quantile(&mut strays, NEAR_SHARE);
     let radius = (1.0 - 1.0 / (length * length)).sqrt();
-    if residual > 0.5 * pixel + MOST_STRAY * radius.asin() {
+    if residual > 0.5 * pixel + MAX_STRAY * radius.asin() {
         return Err(none(residual / pixel));
     }
-    if radius.asin() < LEAST_RADIUS * pixel {
-        return Err(SceneError::TooSmall { radius: radius.asin() / pixel, least: LEAST_RADIUS });
+    if radius.asin() < MIN_BALL_RADIUS * pixel {
+        return Err(SceneError::TooSmall { radius: radius.asin() / pixel, min: MIN_BALL_RADIUS });
     }
     let centre = (b[0] * u + b[1] * v + b[2] * axis) / length;
     Ellipsoid::sphere(centre, radius).map_err(|_| none(0.0))

@@ -14,9 +14,9 @@ const RAYS: usize = 180;
 /// Share of the radius within which edges are searched to decide whether they form a circle.
 const ABOUT: f64 = 0.15;
 /// Smallest number of rays with an edge.
-const LEAST: usize = 24;
+const MIN_RAYS: usize = 24;
 /// Number of samples per pixel along a ray.
-const FINE: f64 = 2.0;
+const SAMPLES_PER_PIXEL: f64 = 2.0;
 /// Distance by which a refined circle may be off, in pixels of the reduced photograph.
 const COMMON: f64 = 3.0;
 /// Largest number of steps of the search grid on either side.
@@ -28,7 +28,7 @@ const CLOSE: f64 = 1.0;
 /// Number of sectors of rays that are left out in turn to estimate the standard error.
 const SECTORS: usize = 12;
 /// Standard error of an outline whose sectors agree, in pixels: the discretisation of the edges.
-const LEAST_ERROR: f64 = 0.1;
+const MIN_ERROR: f64 = 0.1;
 /// Smallest change of the compressed values over one pixel that counts as an edge.
 const FAINT: f32 = 0.004;
 
@@ -75,14 +75,14 @@ pub(super) fn standard_error(rgb: &Plane<Vec3>, small: &Small, circle: &Circle) 
     };
     let without = |out: usize| {
         let rest: Vec<DVec2> = edges.iter().filter(|edge| sector(edge) != out).copied().collect();
-        let fit = fit_circle(&rest).filter(|_| rest.len() >= LEAST)?.circle;
+        let fit = fit_circle(&rest).filter(|_| rest.len() >= MIN_RAYS)?.circle;
         Some(DVec3::new(fit.x, fit.y, fit.radius))
     };
     let Some(fits) = (0..SECTORS).map(without).collect::<Option<Vec<DVec3>>>() else { return f64::INFINITY };
     let mean = fits.iter().sum::<DVec3>() / SECTORS as f64;
     let squares = fits.iter().map(|fit| (fit - mean) * (fit - mean)).sum::<DVec3>();
     let variance = (SECTORS - 1) as f64 / SECTORS as f64 * squares.max_element();
-    (variance + LEAST_ERROR * LEAST_ERROR).sqrt()
+    (variance + MIN_ERROR * MIN_ERROR).sqrt()
 }
 
 fn scaled(circle: &Circle, by: f64) -> Circle {
@@ -100,7 +100,7 @@ pub(super) fn straying(small: &Small, circle: &Circle) -> Option<f64> {
     let reach = (ABOUT * circle.radius).max(2.0);
     let reduced = Pixels { size: small.values.size(), value: &|at| small.values[at] };
     let points = reduced.edges(&circle, reach);
-    let fit = fit_circle(&points).filter(|_| points.len() >= LEAST)?;
+    let fit = fit_circle(&points).filter(|_| points.len() >= MIN_RAYS)?;
     Some((fit.spread - 0.5).max(0.0) / fit.circle.radius)
 }
 
@@ -115,7 +115,7 @@ impl Pixels<'_> {
     /// it moves too far.
     fn fit(&self, circle: &Circle, reach: f64) -> Option<Circle> {
         let points = self.edges(circle, reach);
-        let fit = fit_circle(&points).filter(|_| points.len() >= LEAST)?;
+        let fit = fit_circle(&points).filter(|_| points.len() >= MIN_RAYS)?;
         let moved = DVec2::new(fit.circle.x - circle.x, fit.circle.y - circle.y).length();
         let stays = moved <= 1.5 * reach && (fit.circle.radius - circle.radius).abs() <= 1.5 * reach;
         stays.then_some(fit.circle)
@@ -133,7 +133,7 @@ impl Pixels<'_> {
             let [before, top, after] = [most - 1, most, most + 1].map(|i| f64::from(change[i]));
             let bend = before - 2.0 * top + after;
             let shift = if bend < 0.0 { (0.5 * (before - after) / bend).clamp(-0.5, 0.5) } else { 0.0 };
-            Some(centre + (circle.radius - reach + (most as f64 + shift) / FINE) * direction(ray))
+            Some(centre + (circle.radius - reach + (most as f64 + shift) / SAMPLES_PER_PIXEL) * direction(ray))
         };
         (0..RAYS).filter_map(edge).collect()
     }
@@ -152,13 +152,13 @@ impl Pixels<'_> {
             let margin = 2.0 * reach + OUTSIDE;
             let profile = |ray| Some((direction(ray), shares(&self.change(&circle, margin, ray)?)));
             let profiles: Vec<(DVec2, Vec<f32>)> = (0..RAYS).filter_map(profile).collect();
-            if profiles.len() < LEAST {
+            if profiles.len() < MIN_RAYS {
                 return None;
             }
             let score = |shift: DVec3| -> f64 {
                 let vote = |(outward, shares): &(DVec2, Vec<f32>)| {
                     let rim = shift.x * outward.x + shift.y * outward.y + shift.z + margin;
-                    sampled(shares, rim * FINE) - sampled(shares, (rim + OUTSIDE) * FINE)
+                    sampled(shares, rim * SAMPLES_PER_PIXEL) - sampled(shares, (rim + OUTSIDE) * SAMPLES_PER_PIXEL)
                 };
                 profiles.iter().map(vote).sum()
             };
@@ -172,11 +172,11 @@ impl Pixels<'_> {
     /// circle; `None` if the ray leaves the picture.
     fn change(&self, circle: &Circle, reach: f64, ray: usize) -> Option<Vec<f32>> {
         let centre = DVec2::new(circle.x, circle.y);
-        let (outward, count) = (direction(ray), (2.0 * reach * FINE).ceil() as usize + 3);
+        let (outward, count) = (direction(ray), (2.0 * reach * SAMPLES_PER_PIXEL).ceil() as usize + 3);
         let aside = outward.perp();
         // Average along the rim, so that edges across it count less.
         let along = (0..count).map(|i| {
-            let at = centre + (circle.radius - reach + (i as f64 - 1.0) / FINE) * outward;
+            let at = centre + (circle.radius - reach + (i as f64 - 1.0) / SAMPLES_PER_PIXEL) * outward;
             let three = [-1.0, 0.0, 1.0].map(|d| between(self.size, self.value, at + d * aside));
             Some((three[0]? + three[1]? + three[2]?) / 3.0)
         });

@@ -105,7 +105,10 @@ impl fmt::Display for SceneWarning {
                  ignores them; specify a mask to use them"
             ),
             Self::Clipped { clipped, observed } => {
-                write!(f, "{clipped} of {observed} pixels on the object are clipped and ignored")
+                write!(
+                    f,
+                    "gonio ignores {clipped} of {observed} pixels on the object, because they are clipped; use a shorter exposure"
+                )
             }
             Self::Faulty { negative, not_finite, observed } => {
                 let what = match (negative, not_finite) {
@@ -125,7 +128,7 @@ impl fmt::Display for SceneWarning {
             Self::Isolated { isolated, observed } => write!(
                 f,
                 "gonio uses {isolated} of {observed} pixels that differ strongly from their neighbours, because the object \
-                 has sharp reflections or glitters; remove hot pixels and fireflies, which make the gloss unreliable"
+                 has sharp reflections or glitters; remove hot pixels and fireflies, which make the roughness unreliable"
             ),
             Self::OtherColour { pixels, observed } => {
                 write!(

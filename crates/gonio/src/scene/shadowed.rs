@@ -2,17 +2,17 @@
 
 use glam::DVec3;
 
-use super::observations::LEAST_POINTS;
+use super::observations::MIN_POINTS;
 use super::{Observations, SceneError};
 use crate::shape::{Camera, Surface, Viewpoint, Visibility, hit_at};
 use crate::sphere::OctahedralMap;
 
 /// Smallest visible share of a uniform sky; below it, the object itself lights the point as much as
 /// the environment does.
-const LEAST_OPEN: f64 = 0.15;
+const MIN_OPEN: f64 = 0.15;
 /// Largest share of a uniform sky in texels that are partly open, on a grid of 32 x 32; above it, a
 /// point may lie on the edge of a shadow.
-const MOST_EDGE: f64 = 0.35;
+const MAX_EDGE: f64 = 0.35;
 
 impl Observations {
     /// Computes the self-shadowing of each point ([`Self::visibility`]) on a grid of texels.
@@ -43,7 +43,7 @@ impl Observations {
             .zip(&self.points)
             .map(|(&(x, y), point)| {
                 let hit = hit_at(surface, camera, x as usize, y as usize)?;
-                Some(Viewpoint { from: hit.clear, normal: point.normal })
+                Some(Viewpoint { from: hit.ray_origin, normal: point.normal })
             })
             .collect();
         let lookouts = lookouts.ok_or(SceneError::NoSurface)?;
@@ -52,12 +52,12 @@ impl Observations {
             return Ok(());
         }
         let normals: Vec<DVec3> = self.points.iter().map(|p| p.normal).collect();
-        let openness = visibility.openness(&normals);
+        let openness = visibility.sky_views(&normals);
         // Edges of shadows are as wide as texels.
-        let most = MOST_EDGE * 32.0 / side as f64;
-        let poor = |i: &usize| openness[*i].open < LEAST_OPEN || openness[*i].edge > most;
+        let most = MAX_EDGE * 32.0 / side as f64;
+        let poor = |i: &usize| openness[*i].open < MIN_OPEN || openness[*i].edge > most;
         let lost: Vec<usize> = (0..self.points.len()).filter(|i| self.values[*i].is_some()).filter(poor).collect();
-        if self.report.used - lost.len() >= 2 * LEAST_POINTS {
+        if self.report.used - lost.len() >= 2 * MIN_POINTS {
             for &i in &lost {
                 self.values[i] = None;
                 self.colours[i] = None;
@@ -67,7 +67,7 @@ impl Observations {
             self.report.used_pixels = self.report.used_pixels.saturating_sub(lost.len());
             self.report.in_shadow = lost.len();
         }
-        self.open = openness.iter().map(|o| o.open).collect();
+        self.sky_view = openness.iter().map(|o| o.open).collect();
         self.visibility = Some(visibility);
         Ok(())
     }

@@ -8,7 +8,7 @@ use crate::picture::{Plane, luminance};
 /// Side of the grid of pixels from which the median brightness is taken.
 const PROBES: usize = 64;
 /// Largest value that is kept, so that sums over blocks are finite.
-const MOST: f32 = 1e30;
+const MAX_RADIANCE: f32 = 1e30;
 
 /// Smallest scale of the compression, as a share of the brightness of bright pixels, so that noise
 /// in a dark background does not count as contrast.
@@ -32,7 +32,7 @@ impl Compression {
             if bright.is_empty() { 1.0 } else { *bright.select_nth_unstable_by(at, f32::total_cmp).1 }
         };
         let middle = quantile(0.5).max(DARK * quantile(0.95));
-        Self(middle.clamp(1.0 / MOST, MOST))
+        Self(middle.clamp(1.0 / MAX_RADIANCE, MAX_RADIANCE))
     }
 
     /// Compresses a colour; negative channels and colours that are not finite count as zero.
@@ -43,7 +43,7 @@ impl Compression {
 }
 
 fn sound(colour: Vec3) -> Vec3 {
-    if colour.is_finite() { colour.clamp(Vec3::ZERO, Vec3::splat(MOST)) } else { Vec3::ZERO }
+    if colour.is_finite() { colour.clamp(Vec3::ZERO, Vec3::splat(MAX_RADIANCE)) } else { Vec3::ZERO }
 }
 
 /// A reduced photograph: means of square blocks of compressed values.

@@ -2,9 +2,9 @@
 
 use glam::Vec3;
 
-use super::foreign::{Underlay, foreign};
 use super::observed::{clip_level, is_clipped};
 use super::outliers::outliers;
+use super::paint_segmentation::{SurfaceGeometry, segment_paint};
 use super::{ObservationReport, ObservationSettings, SceneError};
 use crate::picture::{Plane, luminance};
 
@@ -77,7 +77,7 @@ pub(super) fn judge(
     rgb: &Plane<Vec3>,
     region: &Plane<bool>,
     settings: &ObservationSettings,
-    underlay: &Underlay<'_>,
+    underlay: &SurfaceGeometry<'_>,
     report: ObservationReport,
 ) -> Result<Judged, SceneError> {
     let (width, height) = rgb.size();
@@ -102,7 +102,7 @@ pub(super) fn judge(
         }
     }
     if !settings.keep_colours
-        && let Some(other) = foreign(rgb, &|at| statuses[at] == PixelStatus::Used, underlay)
+        && let Some(other) = segment_paint(rgb, &|at| statuses[at] == PixelStatus::Used, underlay)
     {
         for (status, other) in statuses.as_mut_slice().iter_mut().zip(other.as_slice()) {
             if *other && *status == PixelStatus::Used {
@@ -155,7 +155,7 @@ mod tests {
     #[test]
     fn rejects_pictures_with_more_than_half_of_the_pixels_faulty() {
         let region = Plane::from_fn(40, 40, |_, _| true);
-        let underlay = Underlay { normal: &|_| Vec3::Z, convex: true };
+        let underlay = SurfaceGeometry { normal: &|_| Vec3::Z, convex: true };
         let judged = |faulty: usize| {
             let value = |x, y| if 40 * y + x < faulty { f32::NAN } else { 1.0 + 0.01 * x as f32 };
             let rgb = Plane::from_fn(40, 40, |x, y| Vec3::splat(value(x, y)));

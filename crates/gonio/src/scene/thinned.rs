@@ -7,7 +7,7 @@ use crate::shape::SurfacePoint;
 use crate::sphere::fibonacci_hemisphere;
 
 /// Largest angle between an observation and the grid direction that it represents, in degrees.
-const NEAR: f64 = 2.0;
+const MAX_ANGLE: f64 = 2.0;
 
 /// Smallest number of thinned observations; with fewer, all are subsampled evenly by index.
 const FEWEST: usize = 200;
@@ -16,10 +16,10 @@ impl Observations {
     /// Selects up to about `count` of the observations, evenly over the normals in the view frame.
     ///
     /// Near each direction of an even grid, selects the observation of the highest
-    /// [trust](Self::trust), discounted by its distance. If there are no more than `count`, selects
-    /// all with a value.
+    /// [trust](Self::effective_weights), discounted by its distance. If there are no more than
+    /// `count`, selects all with a value.
     pub(crate) fn thinned(&self, count: usize) -> Self {
-        self.select(&evenly(&self.points, &self.trust(), count))
+        self.select(&evenly(&self.points, &self.effective_weights(), count))
     }
 }
 
@@ -30,7 +30,7 @@ fn evenly(points: &[SurfacePoint], weights: &[f64], rows: usize) -> Vec<usize> {
         return used;
     }
     let normals: Vec<(usize, DVec3)> = used.iter().map(|&i| (i, points[i].in_view())).collect();
-    let (reach, width) = (NEAR.to_radians().cos(), NEAR.to_radians().powi(2));
+    let (reach, width) = (MAX_ANGLE.to_radians().cos(), MAX_ANGLE.to_radians().powi(2));
     // 83 % of the hemisphere lies within 80 degrees.
     let mut near: Vec<usize> = fibonacci_hemisphere(rows * 6 / 5)
         .filter_map(|direction| {

@@ -10,7 +10,7 @@ use crate::shape::{Camera, Projection, view_at};
 const NO_NORMAL: f32 = 0.1;
 /// Largest angle between the normals of neighbouring pixels, in degrees; above it there is an edge
 /// between them.
-const MOST_FOLD: f64 = 25.0;
+const MAX_FOLD: f64 = 25.0;
 /// Largest change of depth from a pixel to its neighbour, in widths of a pixel; above it the
 /// surface steps back: tan 80 degrees on the diagonal.
 const STEEPEST: f64 = 8.0;
@@ -38,7 +38,7 @@ impl SurfaceView<'_> {
     /// Without distances, the mask determines where the surface ends.
     pub(super) fn is_edge(&self, x: usize, y: usize) -> bool {
         let normal = self.normals[(x, y)];
-        let least = MOST_FOLD.to_radians().cos() as f32;
+        let least = MAX_FOLD.to_radians().cos() as f32;
         neighbours((x, y), self.normals.size(), true).any(|next| {
             let other = self.normals[next];
             if !has_normal(other) {

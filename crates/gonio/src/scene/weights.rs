@@ -7,7 +7,7 @@ use crate::picture::{Plane, luminance};
 
 /// Standard deviation at which a pixel has half its weight, relative to the root mean square of the
 /// picture: the error of the model itself ([`MODEL_ERROR`](crate::inference::MODEL_ERROR)).
-const FLOOR: f64 = 0.05;
+const NOISE_FLOOR: f64 = 0.05;
 /// Number of brightness classes, in each of which the noise is assumed constant.
 const CLASSES: usize = 8;
 /// Quantile of the local residuals from which the noise of a class is estimated, from its quieter
@@ -67,7 +67,7 @@ pub(super) fn weights(rgb: &Plane<Vec3>, normals: &Plane<Vec3>, region: &Plane<b
         .filter(|i| region.as_slice()[**i])
         .fold((0.0, 0_usize), |(sum, count), &i| (sum + bright(i).powi(2), count + 1));
     let square = sum / count.max(1) as f64;
-    let floor = FLOOR * FLOOR * square;
+    let floor = NOISE_FLOOR * NOISE_FLOOR * square;
     let light = |x: usize, y: usize| region[(x, y)].then(|| [f64::from(luminance(rgb[(x, y)]))]);
     let normal = |x: usize, y: usize| region[(x, y)].then(|| normals[(x, y)].normalize_or_zero().as_dvec3().to_array());
     let fits: Vec<(Option<Fit>, Option<Fit>)> = pixels

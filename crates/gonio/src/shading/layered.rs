@@ -86,7 +86,7 @@ fn f82(f0: DVec3, tint: DVec3, cos: f64) -> DVec3 {
 }
 
 /// Number of entries of [`Albedo`] along each axis.
-const SIDE: usize = 24;
+const ALBEDO_SIDE: usize = 24;
 
 /// Albedo of a GGX lobe in uniform light, by the cosine of the view and the roughness.
 ///
@@ -97,26 +97,26 @@ impl Albedo {
     fn table() -> &'static Self {
         static TABLE: OnceLock<Albedo> = OnceLock::new();
         TABLE.get_or_init(|| {
-            let at = |i: usize| i as f64 / (SIDE - 1) as f64;
-            let each = |i: usize| reflected(at(i % SIDE).max(0.01), at(i / SIDE).powi(2).max(1e-3));
-            Self((0..SIDE * SIDE).map(each).collect())
+            let at = |i: usize| i as f64 / (ALBEDO_SIDE - 1) as f64;
+            let each = |i: usize| reflected(at(i % ALBEDO_SIDE).max(0.01), at(i / ALBEDO_SIDE).powi(2).max(1e-3));
+            Self((0..ALBEDO_SIDE * ALBEDO_SIDE).map(each).collect())
         })
     }
 
     /// Interpolates bilinearly between entries.
     fn at(&self, cos: f64, roughness: f64) -> [f64; 2] {
         let axis = |x: f64| {
-            let x = x.clamp(0.0, 1.0) * (SIDE - 1) as f64;
-            let i = (x as usize).min(SIDE - 2);
+            let x = x.clamp(0.0, 1.0) * (ALBEDO_SIDE - 1) as f64;
+            let i = (x as usize).min(ALBEDO_SIDE - 2);
             (i, x - i as f64)
         };
         let ((i, s), (j, t)) = (axis(cos), axis(roughness));
         let mut sum = [0.0; 2];
         for (at, weight) in [
-            (j * SIDE + i, (1.0 - s) * (1.0 - t)),
-            (j * SIDE + i + 1, s * (1.0 - t)),
-            ((j + 1) * SIDE + i, (1.0 - s) * t),
-            ((j + 1) * SIDE + i + 1, s * t),
+            (j * ALBEDO_SIDE + i, (1.0 - s) * (1.0 - t)),
+            (j * ALBEDO_SIDE + i + 1, s * (1.0 - t)),
+            ((j + 1) * ALBEDO_SIDE + i, (1.0 - s) * t),
+            ((j + 1) * ALBEDO_SIDE + i + 1, s * t),
         ] {
             sum.iter_mut().zip(self.0[at]).for_each(|(sum, value)| *sum += weight * value);
         }

@@ -14,9 +14,9 @@ pub struct GeometryBuffer {
     /// Distance along the ray; infinite where no surface is visible.
     pub distances: Plane<f32>,
     /// Number of pixels in which the surface is visible.
-    pub seen: usize,
+    pub visible: usize,
     /// Number of these pixels that show a back face, by the order of the corners of its triangles.
-    pub inside: usize,
+    pub back_facing: usize,
 }
 
 impl GeometryBuffer {
@@ -26,13 +26,13 @@ impl GeometryBuffer {
         let pixels: Vec<(Vec3, f32, bool)> = (0..width * height)
             .into_par_iter()
             .map(|i| match hit_at(surface, camera, i % width, i / width) {
-                Some(hit) => (hit.normal.as_vec3(), hit.distance as f32, hit.inside),
+                Some(hit) => (hit.normal.as_vec3(), hit.distance as f32, hit.back_facing),
                 None => (Vec3::ZERO, f32::INFINITY, false),
             })
             .collect();
         Self {
-            seen: pixels.iter().filter(|p| p.1.is_finite()).count(),
-            inside: pixels.iter().filter(|p| p.2).count(),
+            visible: pixels.iter().filter(|p| p.1.is_finite()).count(),
+            back_facing: pixels.iter().filter(|p| p.2).count(),
             normals: Plane::from_vec(width, height, pixels.iter().map(|p| p.0).collect()),
             distances: Plane::from_vec(width, height, pixels.iter().map(|p| p.1).collect()),
         }

@@ -1,7 +1,6 @@
 //! Triangle meshes.
 
 use glam::{DMat4, DVec3};
-use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use super::smooth::smooth_normals;
@@ -30,8 +29,8 @@ pub struct Mesh {
 }
 
 /// Defects of a mesh, none of which makes it unusable.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Soundness {
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct MeshDefects {
     /// Number of triangles that are kept.
     pub triangles: usize,
     /// Number of triangles with zero area, which are removed.
@@ -45,7 +44,7 @@ pub struct Soundness {
     /// Whether the surface is closed and its triangles face inwards.
     pub inside_out: bool,
     /// Number of triangles whose normals in the file contradict the order of their corners.
-    pub normals_against: usize,
+    pub inconsistent_normals: usize,
     /// Whether the normals were computed, because those of the file are missing or unusable.
     pub normals_computed: bool,
 }
@@ -93,7 +92,7 @@ pub enum MeshError {
 /// Smallest area of a triangle relative to a square as large as the object.
 ///
 /// Triangles with a smaller area are degenerate.
-const LEAST_AREA: f64 = 1e-16;
+const MIN_AREA: f64 = 1e-16;
 
 impl Mesh {
     /// Builds a mesh from its parts.
@@ -103,7 +102,7 @@ impl Mesh {
     ///
     /// # Errors
     /// If the parts are empty, an index is out of range, or a position is not finite.
-    pub fn new(parts: MeshParts) -> Result<(Self, Soundness), MeshError> {
+    pub fn new(parts: MeshParts) -> Result<(Self, MeshDefects), MeshError> {
         let MeshParts { positions, mut triangles, normals } = parts;
         if positions.is_empty() || triangles.is_empty() {
             return Err(MeshError::Empty { vertices: positions.len(), triangles: triangles.len() });
@@ -123,7 +122,7 @@ impl Mesh {
             return Err(MeshError::Normals { normals: normals.len(), triangles: triangles.len() });
         }
         let extent = extent(&positions);
-        let least = LEAST_AREA * extent * extent;
+        let least = MIN_AREA * extent * extent;
         let sound: Vec<bool> = triangles.iter().map(|t| face(&positions, *t).length() > 2.0 * least).collect();
         let all = triangles.len();
         triangles = kept(triangles, &sound);
@@ -137,14 +136,14 @@ impl Mesh {
         let normals: Vec<[DVec3; 3]> = normals.into_iter().map(|n| n.map(DVec3::normalize)).collect();
         let against =
             triangles.iter().zip(&normals).filter(|(t, n)| face(&positions, **t).dot(n[0] + n[1] + n[2]) < 0.0);
-        let soundness = Soundness {
+        let soundness = MeshDefects {
             triangles: triangles.len(),
             degenerate: all - triangles.len(),
             open_edges: topology.open_edges,
             non_manifold_edges: topology.non_manifold_edges,
             inconsistent_edges: topology.inconsistent_edges,
             inside_out: topology.is_closed() && volume(&positions, &triangles) < 0.0,
-            normals_against: against.count(),
+            inconsistent_normals: against.count(),
             normals_computed,
         };
         Ok((Self { positions, triangles, normals }, soundness))
@@ -158,7 +157,7 @@ impl Mesh {
     ///
     /// # Errors
     /// [`MeshError::Empty`] if no pixels are neighbours.
-    pub(crate) fn of_positions(places: &Plane<Option<DVec3>>, jump: f64) -> Result<(Self, Soundness), MeshError> {
+    pub(crate) fn of_positions(places: &Plane<Option<DVec3>>, jump: f64) -> Result<(Self, MeshDefects), MeshError> {
         let (width, height) = places.size();
         let mut index = vec![u32::MAX; width * height];
         let mut positions = Vec::new();
@@ -284,7 +283,7 @@ mod tests {
     #[test]
     fn cube_is_closed_and_keeps_its_edges() {
         let (mesh, soundness) = Mesh::new(cube()).unwrap();
-        let want = Soundness { triangles: 12, normals_computed: true, ..Soundness::default() };
+        let want = MeshDefects { triangles: 12, normals_computed: true, ..MeshDefects::default() };
         assert_eq!(soundness, want);
         for (t, normals) in mesh.triangles().iter().zip(mesh.normals()) {
             let flat = face(mesh.positions(), *t).normalize();
@@ -312,7 +311,7 @@ mod tests {
         let mut parts = cube();
         parts.normals = Some(parts.triangles.iter().map(|t| [-2.0 * face(&parts.positions, *t); 3]).collect());
         let (mesh, soundness) = Mesh::new(parts).unwrap();
-        assert_eq!((soundness.normals_against, soundness.normals_computed), (12, false));
+        assert_eq!((soundness.inconsistent_normals, soundness.normals_computed), (12, false));
         assert!(mesh.normals().iter().flatten().all(|n| (n.length() - 1.0).abs() < 1e-12));
         let mut parts = cube();
         parts.normals = Some(vec![[DVec3::ZERO; 3]; 12]);

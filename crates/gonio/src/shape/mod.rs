@@ -1,6 +1,6 @@
 //! Shapes in front of a camera: the visible surface at each pixel, and self-shadowing.
 //!
-//! * [`Mesh`]: triangles with smooth normals; [`Soundness`] lists their defects. `of_positions`
+//! * [`Mesh`]: triangles with smooth normals; [`MeshDefects`] lists their defects. `of_positions`
 //!   builds a mesh from a position map, [`Form`] builds meshes from formulas.
 //! * [`Surface`]: a shape that intersects rays: a [`Tracer`] of a mesh or an [`Ellipsoid`].
 //!   [`GeometryBuffer`] contains its visible points.
@@ -35,9 +35,9 @@ pub use camera::{Camera, CameraError, Projection, Ray};
 pub use depth::{DepthKind, DepthSize, positions_of_depth};
 pub use forms::Form;
 pub use inflation::Inflation;
-pub use mesh::{Mesh, MeshError, MeshParts, Soundness};
+pub use mesh::{Mesh, MeshDefects, MeshError, MeshParts};
 pub use placed::{PoseError, PosedSurface};
 pub use points::{Points, SurfacePoint};
 pub use surface::{Ellipsoid, EllipsoidError, Hit, Surface};
 pub use tracer::Tracer;
-pub use visibility::{Openness, Viewpoint, Visibility};
+pub use visibility::{SkyView, Viewpoint, Visibility};

@@ -13,7 +13,7 @@ const LANES: usize = 16;
 type Lanes = [f32; LANES];
 
 /// Factor of the distance at which a ray leaves a box, to tolerate rounding.
-const SLACK: f32 = 1.000_001;
+const BOX_SLACK: f32 = 1.000_001;
 
 /// Task that determines which of several rays from one origin hit a triangle.
 ///
@@ -120,7 +120,7 @@ impl Packet {
             let (za, zb) = (low.z * z[lane], high.z * z[lane]);
             let near = larger(larger(smaller(xa, xb), smaller(ya, yb)), larger(smaller(za, zb), 0.0));
             let far = smaller(smaller(larger(xa, xb), larger(ya, yb)), smaller(larger(za, zb), self.reach[lane]));
-            any |= SLACK * far >= near;
+            any |= BOX_SLACK * far >= near;
         }
         any
     }

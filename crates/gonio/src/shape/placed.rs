@@ -1,6 +1,6 @@
 //! Surfaces in front of a camera.
 
-use super::{Camera, CameraError, Mesh, MeshError, Soundness, Surface, Tracer, hit_at};
+use super::{Camera, CameraError, Mesh, MeshDefects, MeshError, Surface, Tracer, hit_at};
 use thiserror::Error;
 
 /// Margin around a mesh without a camera, as a fraction of the smaller side of the picture.
@@ -63,11 +63,18 @@ impl PosedSurface {
     }
 }
 
-impl Soundness {
+impl MeshDefects {
     /// Describes the defects of the mesh; `None` for a mesh without defects.
-    pub fn complaint(&self) -> Option<String> {
-        let Self { triangles, degenerate, non_manifold_edges, inconsistent_edges, inside_out, normals_against, .. } =
-            *self;
+    pub fn describe(&self) -> Option<String> {
+        let Self {
+            triangles,
+            degenerate,
+            non_manifold_edges,
+            inconsistent_edges,
+            inside_out,
+            inconsistent_normals: normals_against,
+            ..
+        } = *self;
         let count = |n: usize, what: &str| (n > 0).then(|| format!("{n} {what}"));
         let odd: Vec<String> = [
             count(degenerate, "triangles with zero area (ignored)"),
@@ -103,9 +110,9 @@ mod tests {
 
     #[test]
     fn complains_only_about_meshes_with_defects() {
-        assert_eq!(Soundness { triangles: 10, ..Default::default() }.complaint(), None);
-        let odd = Soundness { triangles: 10, degenerate: 2, inside_out: true, ..Default::default() };
-        let complaint = odd.complaint().unwrap();
+        assert_eq!(MeshDefects { triangles: 10, ..Default::default() }.describe(), None);
+        let odd = MeshDefects { triangles: 10, degenerate: 2, inside_out: true, ..Default::default() };
+        let complaint = odd.describe().unwrap();
         assert!(complaint.starts_with("the mesh of 10 triangles has 2 triangles with zero area"), "{complaint}");
         assert!(complaint.contains("inwards"), "{complaint}");
     }

@@ -14,7 +14,7 @@ pub struct SurfacePoint {
 }
 
 /// Cosine between normal and view of a point that barely faces the camera.
-const LEAST_COSINE: f64 = 1e-3;
+const MIN_COSINE: f64 = 1e-3;
 
 impl SurfacePoint {
     /// Returns the normal in the view frame, whose z axis points towards the camera.
@@ -29,7 +29,7 @@ impl SurfacePoint {
     /// Interpolated normals may point away at the rim.
     #[must_use]
     pub fn facing(self) -> Self {
-        let short = LEAST_COSINE - self.normal.dot(self.view);
+        let short = MIN_COSINE - self.normal.dot(self.view);
         if short <= 0.0 { self } else { Self { normal: (self.normal + short * self.view).normalize(), ..self } }
     }
 }

@@ -17,9 +17,9 @@ pub struct Hit {
     /// Origin of rays towards the light: the position, or slightly above it.
     ///
     /// The offset clears the facets that approximate a smooth surface.
-    pub clear: DVec3,
+    pub ray_origin: DVec3,
     /// Whether the ray hit the inner side; for triangles, by the order of their corners.
-    pub inside: bool,
+    pub back_facing: bool,
 }
 
 /// A surface in camera coordinates.
@@ -27,7 +27,7 @@ pub trait Surface: Sync {
     /// Returns the first intersection with a ray.
     fn hit(&self, ray: &Ray) -> Option<Hit>;
 
-    /// Returns for each direction whether the surface blocks the ray from a [`Hit::clear`].
+    /// Returns for each direction whether the surface blocks the ray from a [`Hit::ray_origin`].
     ///
     /// Fastest if similar directions are consecutive.
     fn blocked(&self, origin: DVec3, directions: &[DVec3]) -> Vec<bool>;
@@ -104,7 +104,7 @@ impl Surface for Ellipsoid {
         let outwards = (self.to_unit.transpose() * unit).normalize();
         let normal = if inside { -outwards } else { outwards };
         let position = ray.origin + distance * ray.direction;
-        (distance > 0.0).then_some(Hit { distance, position, normal, clear: position, inside })
+        (distance > 0.0).then_some(Hit { distance, position, normal, ray_origin: position, back_facing: inside })
     }
 
     fn blocked(&self, _: DVec3, directions: &[DVec3]) -> Vec<bool> {
@@ -130,7 +130,9 @@ mod tests {
         assert!(((hit.position - DVec3::new(1.0, 2.0, -30.0)).length() - 3.0).abs() < 1e-12);
         assert!((hit.normal - (hit.position - DVec3::new(1.0, 2.0, -30.0)) / 3.0).length() < 1e-12);
         assert!(
-            hit.normal.dot(towards) < 0.0 && !hit.inside && (hit.position - hit.distance * towards).length() < 1e-12
+            hit.normal.dot(towards) < 0.0
+                && !hit.back_facing
+                && (hit.position - hit.distance * towards).length() < 1e-12
         );
         assert_eq!(sphere.hit(&Ray { origin: DVec3::ZERO, direction: DVec3::X }), None);
         assert_eq!(sphere.hit(&Ray { origin: DVec3::ZERO, direction: DVec3::Z }), None);

@@ -49,7 +49,7 @@ fn plane(half: f64) -> MeshParts {
 fn lookout(surface: &Tracer, above: DVec3, down: DVec3) -> (Viewpoint, Hit) {
     let hit = surface.hit(&Ray { origin: above, direction: down });
     let hit = hit.unwrap_or_else(|| panic!("no hit from {above} along {down}"));
-    (Viewpoint { from: hit.clear, normal: hit.normal }, hit)
+    (Viewpoint { from: hit.ray_origin, normal: hit.normal }, hit)
 }
 
 #[test]
@@ -59,7 +59,12 @@ fn fine_mesh_of_a_sphere_matches_the_ellipsoid() {
     let mesh = join([cap(centre, radius, PI, 128, 256)]);
     let camera = Camera::new(Projection::Perspective { focal: 900.0 }, (50.0, 160.0), (240, 240)).unwrap();
     let (got, want) = (GeometryBuffer::of(&mesh, &camera), GeometryBuffer::of(&exact, &camera));
-    assert!(want.seen > 3000 && want.seen.abs_diff(got.seen) < want.seen / 200, "{} {}", got.seen, want.seen);
+    assert!(
+        want.visible > 3000 && want.visible.abs_diff(got.visible) < want.visible / 200,
+        "{} {}",
+        got.visible,
+        want.visible
+    );
     let both = got.normals.as_slice().iter().zip(want.normals.as_slice());
     let worst =
         both.filter(|(a, b)| a.length() * b.length() > 0.5).map(|(a, b)| (*a - *b).length()).fold(0.0, f32::max);
@@ -110,10 +115,10 @@ fn packets_match_single_rays() {
     for from in fibonacci_hemisphere(30).flat_map(|d| [d, -d]) {
         let Some(hit) = tracer.hit(&Ray { origin: 5.0 * from, direction: -from }) else { continue };
         for directions in [&sky[..], &sky[..17], &axes, &[]] {
-            let got = tracer.blocked(hit.clear, directions);
+            let got = tracer.blocked(hit.ray_origin, directions);
             assert_eq!(got.len(), directions.len());
             for (direction, got) in directions.iter().zip(got) {
-                let alone = tracer.hit(&Ray { origin: hit.clear, direction: *direction });
+                let alone = tracer.hit(&Ray { origin: hit.ray_origin, direction: *direction });
                 blocked += usize::from(got);
                 wrong += usize::from(got != alone.is_some());
             }
@@ -124,7 +129,7 @@ fn packets_match_single_rays() {
 
 /// Returns the fraction of the light of a uniform sky that reaches a point.
 fn open(surface: &Tracer, point: Viewpoint, side: usize) -> f64 {
-    Visibility::trace(surface, &[point], MAP, side, &|_| ()).openness(&[point.normal])[0].open
+    Visibility::trace(surface, &[point], MAP, side, &|_| ()).sky_views(&[point.normal])[0].open
 }
 
 #[test]
@@ -185,12 +190,12 @@ fn shares_match_brute_force() {
         points.extend(
             tracer
                 .hit(&Ray { origin: 4.0 * from, direction: -from })
-                .map(|h| Viewpoint { from: h.clear, normal: h.normal }),
+                .map(|h| Viewpoint { from: h.ray_origin, normal: h.normal }),
         );
     }
     let visibility = Visibility::trace(&tracer, &points, MAP, side, &|_| ());
     let normals: Vec<DVec3> = points.iter().map(|p| p.normal).collect();
-    let openness = visibility.openness(&normals);
+    let openness = visibility.sky_views(&normals);
     let (mut squares, mut count, mut shadowed) = (0.0, 0, 0);
     for (i, point) in points.iter().enumerate() {
         let (mut lit, mut all) = (0.0, 0.0);
@@ -248,7 +253,7 @@ fn visibility_does_not_depend_on_threads() {
     let tracer = Tracer::new(Form::Bowl.mesh(30).unwrap());
     let points: Vec<Viewpoint> = fibonacci_hemisphere(50)
         .filter_map(|d| tracer.hit(&Ray { origin: 4.0 * d, direction: -d }))
-        .map(|h| Viewpoint { from: h.clear, normal: h.normal })
+        .map(|h| Viewpoint { from: h.ray_origin, normal: h.normal })
         .collect();
     let with = |threads| on_threads(threads, || Visibility::trace(&tracer, &points, MAP, 16, &|_| ()));
     assert_eq!(with(1), with(3));
@@ -265,7 +270,7 @@ fn forms_are_closed_and_of_about_radius_one() {
         };
         let (_, soundness) = Mesh::new(parts).unwrap();
         assert!(soundness.triangles > 5000, "{form:?} {soundness:?}");
-        let Soundness { open_edges, non_manifold_edges, inconsistent_edges, inside_out, .. } = soundness;
+        let MeshDefects { open_edges, non_manifold_edges, inconsistent_edges, inside_out, .. } = soundness;
         assert_eq!((open_edges, non_manifold_edges, inconsistent_edges, inside_out), (0, 0, 0, false), "{form:?}");
         let (centre, radius) = mesh.bounds();
         assert!(centre.length() < 0.5 && (0.8..1.3).contains(&radius), "{form:?} {centre} {radius}");

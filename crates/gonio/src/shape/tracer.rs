@@ -189,7 +189,7 @@ impl Surface for Tracer {
         let above = |corner: DVec3, n: DVec3| (position - corner).dot(n).min(0.0) * n;
         let lift = -(u * above(a, na) + v * above(b, nb) + w * above(c, nc));
         let clear = position + lift + LIFT * self.radius * normal;
-        Some(Hit { distance, position, normal, clear, inside })
+        Some(Hit { distance, position, normal, ray_origin: clear, back_facing: inside })
     }
 
     fn blocked(&self, origin: DVec3, directions: &[DVec3]) -> Vec<bool> {

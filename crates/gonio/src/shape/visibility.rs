@@ -8,12 +8,12 @@ use crate::lighting::LightGrid;
 use crate::sphere::OctahedralMap;
 
 /// Number of rays along each side of a texel that is partly open.
-const FINE: usize = 4;
+const RAYS: usize = 4;
 
 /// A surface point at which to compute visibility.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Viewpoint {
-    /// Origin of the rays: [`Hit::clear`](super::Hit::clear).
+    /// Origin of the rays: [`Hit::clear`](super::Hit::ray_origin).
     pub from: DVec3,
     /// Unit normal. Rays below its horizon are not traced.
     pub normal: DVec3,
@@ -139,11 +139,11 @@ impl Visibility {
         self.rows[point].partial.iter().map(|&(texel, share)| (texel as usize, f32::from(share) / 255.0))
     }
 
-    /// Computes the [`Openness`] of each point in a uniform sky.
+    /// Computes the [`SkyView`] of each point in a uniform sky.
     ///
     /// # Panics
     /// If the numbers of normals and points differ.
-    pub(crate) fn openness(&self, normals: &[DVec3]) -> Vec<Openness> {
+    pub(crate) fn sky_views(&self, normals: &[DVec3]) -> Vec<SkyView> {
         assert_eq!(normals.len(), self.rows.len());
         let centres: Vec<(DVec3, f64)> = (0..self.side * self.side)
             .map(|t| {
@@ -153,7 +153,7 @@ impl Visibility {
             .collect();
         let of = |(row, normal): (&Row, &DVec3)| {
             if row.blocked.is_empty() && row.partial.is_empty() {
-                return Openness { open: 1.0, edge: 0.0 };
+                return SkyView { open: 1.0, edge: 0.0 };
             }
             let weight = |t: usize| centres[t].0.dot(*normal).max(0.0) * centres[t].1;
             let all: f64 = (0..centres.len()).map(weight).sum();
@@ -164,7 +164,7 @@ impl Visibility {
                 .sum();
             let edge: f64 = row.partial.iter().map(|p| weight(p.0 as usize)).sum();
             let lost: f64 = row.partial.iter().map(|p| weight(p.0 as usize) * (1.0 - f64::from(p.1) / 255.0)).sum();
-            Openness { open: (1.0 - (blocked + lost) / all).max(0.0), edge: edge / all }
+            SkyView { open: (1.0 - (blocked + lost) / all).max(0.0), edge: edge / all }
         };
         self.rows.par_iter().zip(normals).map(of).collect()
     }
@@ -197,7 +197,7 @@ impl Visibility {
 
 /// Visible part of the sky at a point.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Openness {
+pub struct SkyView {
     /// Fraction of the light of a uniform sky that reaches the point, in 0..=1.
     pub open: f64,
     /// Fraction of the unoccluded light that comes from texels that are partly open.
@@ -211,7 +211,7 @@ struct Texels {
     centres: Vec<DVec3>,
     /// Neighbours of each texel.
     near: Vec<[u32; 8]>,
-    /// [`FINE`] squared directions for each texel.
+    /// [`RAYS`] squared directions for each texel.
     fine: Vec<DVec3>,
     /// Upper bound of the angle between a centre and any direction of its texel.
     radius: f64,
@@ -232,13 +232,13 @@ impl Texels {
             let at = |i: usize, d: f64| 2.0 * (i as f64 + d) / side as f64 - 1.0;
             map.direction(at(t % side, dx), -at(t / side, dy))
         };
-        let offset = |i: usize| (i as f64 + 0.5) / FINE as f64;
+        let offset = |i: usize| (i as f64 + 0.5) / RAYS as f64;
         let centres = (0..side * side).map(|t| direction(t, 0.5, 0.5)).collect();
-        let cells = (0..side * side).flat_map(|t| (0..FINE * FINE).map(move |f| (t, f)));
-        let fine = cells.map(|(t, f)| direction(t, offset(f % FINE), offset(f / FINE))).collect();
+        let cells = (0..side * side).flat_map(|t| (0..RAYS * RAYS).map(move |f| (t, f)));
+        let fine = cells.map(|(t, f)| direction(t, offset(f % RAYS), offset(f / RAYS))).collect();
         let mut order: Vec<usize> = (0..side * side).collect();
         order.sort_by_key(|t| interleaved(t % side, t / side));
-        let near = (0..side * side).map(|t| STEPS.map(|(dx, dy)| neighbour(side, t, dx, dy) as u32)).collect();
+        let near = (0..side * side).map(|t| NEIGHBOURS.map(|(dx, dy)| neighbour(side, t, dx, dy) as u32)).collect();
         Self { order, centres, near, fine, radius: map.cell_radius(side.ilog2()) }
     }
 
@@ -262,7 +262,7 @@ impl Texels {
             let other = |near: &u32| states[*near as usize] != state && states[*near as usize] != State::Below;
             if self.near[texel].iter().any(other) {
                 let before = rays.len();
-                let all = &self.fine[texel * FINE * FINE..(texel + 1) * FINE * FINE];
+                let all = &self.fine[texel * RAYS * RAYS..(texel + 1) * RAYS * RAYS];
                 rays.extend(all.iter().filter(|d| d.dot(point.normal) > 0.0));
                 mixed.push((texel, rays.len() - before));
             } else if state == State::Blocked {
@@ -288,7 +288,7 @@ impl Texels {
 }
 
 /// Steps to the neighbours of a texel.
-const STEPS: [(isize, isize); 8] = [(-1, -1), (0, -1), (1, -1), (-1, 0), (1, 0), (-1, 1), (0, 1), (1, 1)];
+const NEIGHBOURS: [(isize, isize); 8] = [(-1, -1), (0, -1), (1, -1), (-1, 0), (1, 0), (-1, 1), (0, 1), (1, 1)];
 
 /// Returns the texel at a step from another.
 ///

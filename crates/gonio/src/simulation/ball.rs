@@ -46,7 +46,7 @@ pub(super) struct BallRenderer {
 
 /// Half angles in degrees between which lamps change from samples to points. Samples preserve the
 /// shape of a lamp in a sharp highlight; points are exact in a wide highlight.
-const NEAR: (f32, f32) = (3.0, 6.0);
+const LAMP_ANGLES: (f32, f32) = (3.0, 6.0);
 
 /// Group of rings about a normal, by half angle: below 3 degrees, or above 6 degrees. Rings between
 /// these angles contribute to both groups.
@@ -61,7 +61,7 @@ pub(super) enum Rings {
 /// Returns the weight of the far rings, and of lamps added as points, at a half angle in degrees.
 #[inline(always)]
 pub(super) fn counted(theta_h: f32) -> f32 {
-    ((theta_h - NEAR.0) / (NEAR.1 - NEAR.0)).clamp(0.0, 1.0)
+    ((theta_h - LAMP_ANGLES.0) / (LAMP_ANGLES.1 - LAMP_ANGLES.0)).clamp(0.0, 1.0)
 }
 
 impl BallRenderer {
@@ -87,7 +87,7 @@ impl BallRenderer {
             };
             let halves: Vec<Vec3> = (0..spokes).map(half).collect();
             let (row, beyond) = (place as usize, place.fract() as f32);
-            let level = level(LightPyramid::SIDE, 4.0 * TYPICAL * solid_angle);
+            let level = level(LightPyramid::FINEST_SIDE, 4.0 * TYPICAL * solid_angle);
             let counted = counted(theta.to_degrees() as f32);
             let ring = |share: f32| Ring::of(&halves, (row, beyond), share * solid_angle as f32, level);
             if counted < 1.0 {
@@ -117,7 +117,7 @@ impl BallRenderer {
             Rings::Near => (&self.near, Vec::new(), Part::All, Layout { rows: self.near_rows, groups: 1 }),
             Rings::Far => {
                 let layout = Layout { rows: FAR_ROWS, groups: THETA_H.div_ceil(FAR_ROWS) };
-                (&self.far, Lamp::all(light), Part::Even, layout)
+                (&self.far, Lamp::all(light), Part::WithoutLamps, layout)
             }
         };
         let laid: Vec<f32> = tables.par_iter().flat_map_iter(|t| layout.laid(t.as_slice())).collect();

@@ -8,9 +8,9 @@ use rand::{Rng, RngExt};
 use rand_distr::{Distribution, Poisson};
 
 use super::fields::{between, bilinear, blurred, field, gauss, log_between, quantile, slopes};
-use super::figure::Figure;
+use super::figure::MultiPartObject;
 use super::scene::Scene;
-use crate::appearance::disk::{self, DiskImage, SIDE, on_disk};
+use crate::appearance::disk::{self, DISK_SIDE, DiskImage, on_disk};
 use crate::appearance::{Sample, scatter};
 
 /// Standard deviation of the logarithm of the ratio between the albedos of paint and object.
@@ -21,7 +21,7 @@ const HOT: (f32, f32) = (1.2, 20.0);
 
 /// Strengths of all effects on one photograph; zero disables an effect.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Camera {
+pub struct PhotographEffects {
     /// Radius in pixels of a ball with as many pixels as the object. Photographs 100 to 1,000
     /// pixels across are common.
     pub radius: f32,
@@ -56,7 +56,7 @@ pub struct Camera {
     /// Interreflected light in a figure, relative to the mean of the picture.
     pub bounce: f32,
     /// Share of the pixels that show another material.
-    pub foreign: f32,
+    pub other_material: f32,
     /// Share of the pixels with paint of another albedo, with sharp edges.
     pub painted: f32,
     /// Share of the normals hidden by an object in front, with a straight edge.
@@ -75,7 +75,7 @@ pub struct Camera {
     pub figure: bool,
 }
 
-impl Camera {
+impl PhotographEffects {
     /// A photograph without effects, of a ball 128 pixels across.
     pub const CLEAN: Self = Self {
         radius: 64.0,
@@ -91,7 +91,7 @@ impl Camera {
         stains: 0.0,
         shadow: 0.0,
         bounce: 0.0,
-        foreign: 0.0,
+        other_material: 0.0,
         painted: 0.0,
         occluded: 0.0,
         defective: 0.0,
@@ -131,7 +131,7 @@ impl Camera {
             stains: maybe(0.5, &|r| log_between(r, 0.01, 0.3)),
             shadow: if figure { maybe(0.7, &|r| between(r, 0.0, 0.8)) } else { 0.0 },
             bounce: if figure { maybe(0.6, &|r| log_between(r, 0.005, 0.15)) } else { 0.0 },
-            foreign: maybe(0.12, &|r| log_between(r, 0.003, 0.12)),
+            other_material: maybe(0.12, &|r| log_between(r, 0.003, 0.12)),
             painted: maybe(0.1, &|r| log_between(r, 0.02, 0.5)),
             occluded: maybe(0.05, &|r| between(r, 0.1, 0.5)),
             defective: maybe(0.1, &|r| log_between(r, 1e-4, 3e-3)),
@@ -146,10 +146,10 @@ impl Camera {
     /// light.
     pub fn photograph(&self, scene: &Scene, other: &Scene, rng: &mut impl Rng) -> DiskImage {
         let Scene { values: mut image, mut details } = scene.clone();
-        if self.foreign > 0.0 {
+        if self.other_material > 0.0 {
             let patches = field(6, rng);
-            let edge = quantile(&patches, 1.0 - self.foreign);
-            for cell in (0..SIDE * SIDE).filter(|&c| patches[c] > edge) {
+            let edge = quantile(&patches, 1.0 - self.other_material);
+            for cell in (0..DISK_SIDE * DISK_SIDE).filter(|&c| patches[c] > edge) {
                 (image[cell], details[cell]) = (other.values[cell], other.details[cell]);
             }
         }
@@ -157,7 +157,7 @@ impl Camera {
             let regions = field(8, rng);
             let edge = quantile(&regions, 1.0 - self.painted);
             let albedo = (PAINT * gauss(rng)).exp();
-            for cell in (0..SIDE * SIDE).filter(|&c| regions[c] > edge) {
+            for cell in (0..DISK_SIDE * DISK_SIDE).filter(|&c| regions[c] > edge) {
                 image[cell] *= albedo;
                 details[cell] *= albedo;
             }
@@ -168,7 +168,7 @@ impl Camera {
         }
         // Normals that vary within a cell make its pixels differ by the slope of the image.
         let slope = if self.rough_normals > 0.0 { slopes(&image) } else { Vec::new() };
-        let rough = self.rough_normals * 0.5 * SIDE as f32;
+        let rough = self.rough_normals * 0.5 * DISK_SIDE as f32;
         let width = self.blur.hypot(rough);
         if width > 0.15 {
             image = blurred(&image, width);
@@ -181,7 +181,7 @@ impl Camera {
         if self.glare > 0.0 {
             image.iter_mut().for_each(|v| *v = (1.0 - self.glare) * *v + self.glare * mean);
         }
-        let figure = self.figure.then(|| Figure::draw(self, rng));
+        let figure = self.figure.then(|| MultiPartObject::draw(self, rng));
         let among = match &figure {
             Some(figure) => figure.show(&mut image, &mut details, mean),
             None => {
@@ -193,10 +193,10 @@ impl Camera {
         let (counts, fine) = self.counts(figure.as_ref(), rng);
         let top = image.iter().copied().fold(0.0, f32::max).min(clip);
         let step = if self.levels > 0.0 { top / self.levels } else { 0.0 };
-        let mut seen = vec![0.0; SIDE * SIDE];
-        let mut kept = vec![0.0; SIDE * SIDE];
-        let mut found = vec![None; SIDE * SIDE];
-        for cell in (0..SIDE * SIDE).filter(|&c| on_disk(c) && counts[c] > 0.0) {
+        let mut seen = vec![0.0; DISK_SIDE * DISK_SIDE];
+        let mut kept = vec![0.0; DISK_SIDE * DISK_SIDE];
+        let mut found = vec![None; DISK_SIDE * DISK_SIDE];
+        for cell in (0..DISK_SIDE * DISK_SIDE).filter(|&c| on_disk(c) && counts[c] > 0.0) {
             let (value, count) = (image[cell], counts[cell]);
             if value > clip {
                 continue;
@@ -227,9 +227,9 @@ impl Camera {
             }
         }
         let told = if fine {
-            self.told([&image, &details, &slope, &among], (mean, rough, step), rng)
+            self.estimated_scatter([&image, &details, &slope, &among], (mean, rough, step), rng)
         } else {
-            told_of_cells(&seen, &kept)
+            scatter_of_cells(&seen, &kept)
         };
         DiskImage::of_cells(seen, kept, found, told)
     }
@@ -255,9 +255,9 @@ impl Camera {
 
     /// Returns the number of pixels of each cell, and whether cells have enough pixels (three) for
     /// an estimate of their scatter.
-    fn counts(&self, figure: Option<&Figure>, rng: &mut impl Rng) -> (Vec<f32>, bool) {
-        let each = (self.radius / (0.5 * SIDE as f32)).powi(2);
-        let mut counts = vec![each; SIDE * SIDE];
+    fn counts(&self, figure: Option<&MultiPartObject>, rng: &mut impl Rng) -> (Vec<f32>, bool) {
+        let each = (self.radius / (0.5 * DISK_SIDE as f32)).powi(2);
+        let mut counts = vec![each; DISK_SIDE * DISK_SIDE];
         if let Some(figure) = figure {
             counts.iter_mut().zip(figure.densities()).for_each(|(c, d)| *c *= d);
         }
@@ -274,7 +274,7 @@ impl Camera {
             let stride = 1.0 / each.sqrt();
             let line = |i: usize| ((i + 1) as f32 / stride).floor() > (i as f32 / stride).floor();
             for (cell, count) in counts.iter_mut().enumerate() {
-                *count = f32::from(u8::from(line(cell % SIDE) && line(cell / SIDE)));
+                *count = f32::from(u8::from(line(cell % DISK_SIDE) && line(cell / DISK_SIDE)));
             }
         }
         if self.missing > 0.0 {
@@ -288,7 +288,7 @@ impl Camera {
                 let (x, y) = disk::centre(cell);
                 x * cos + y * sin
             };
-            let depths: Vec<f32> = (0..SIDE * SIDE).map(along).collect();
+            let depths: Vec<f32> = (0..DISK_SIDE * DISK_SIDE).map(along).collect();
             let edge = quantile(&depths, 1.0 - self.occluded);
             counts.iter_mut().zip(&depths).for_each(|(c, d)| *c = if *d > edge { 0.0 } else { *c });
         }
@@ -301,30 +301,30 @@ impl Camera {
     /// The positions deviate by a smooth field of shifts, a global shift, and a change of the
     /// radius.
     fn displaced(&self, rng: &mut impl Rng) -> Vec<(f32, f32)> {
-        let cells = 0.5 * SIDE as f32;
+        let cells = 0.5 * DISK_SIDE as f32;
         let (right, down) = (field(7, rng), field(7, rng));
         let mut off = || self.outline * cells * gauss(rng);
         let (dx, dy, stretch) = (off(), off(), off() / cells);
         let regional = self.wrong_normals * cells;
         let at = |cell: usize| {
-            let (x, y) = ((cell % SIDE) as f32 + 0.5 - cells, (cell / SIDE) as f32 + 0.5 - cells);
+            let (x, y) = ((cell % DISK_SIDE) as f32 + 0.5 - cells, (cell / DISK_SIDE) as f32 + 0.5 - cells);
             let x = x * (1.0 + stretch) + dx + regional * right[cell];
             let y = y * (1.0 + stretch) + dy + regional * down[cell];
             // There is no object beyond the rim.
             let shrink = (0.975 * cells / (x * x + y * y).sqrt().max(1e-6)).min(1.0);
             (x * shrink + cells - 0.5, y * shrink + cells - 0.5)
         };
-        (0..SIDE * SIDE).map(at).collect()
+        (0..DISK_SIDE * DISK_SIDE).map(at).collect()
     }
 
     /// Simulates the estimate of the scatter from pixels that share a normal, with its error.
-    fn told(
+    fn estimated_scatter(
         &self,
         [image, details, slope, among]: [&[f32]; 4],
         (mean, rough, step): (f32, f32, f32),
         rng: &mut impl Rng,
     ) -> f32 {
-        let mut relative: Vec<f32> = (0..SIDE * SIDE)
+        let mut relative: Vec<f32> = (0..DISK_SIDE * DISK_SIDE)
             .filter(|&c| on_disk(c) && image[c] > 0.0)
             .step_by(7)
             .map(|c| {
@@ -351,8 +351,8 @@ fn shifted(image: &[f32], places: &[(f32, f32)]) -> Vec<f32> {
 }
 
 /// Estimates the scatter of an image that has one pixel in each cell.
-fn told_of_cells(values: &[f32], counts: &[f32]) -> f32 {
-    let samples: Vec<Sample> = (0..SIDE * SIDE)
+fn scatter_of_cells(values: &[f32], counts: &[f32]) -> f32 {
+    let samples: Vec<Sample> = (0..DISK_SIDE * DISK_SIDE)
         .filter(|&c| counts[c] > 0.0)
         .map(|c| {
             let (x, y) = disk::centre(c);
@@ -370,10 +370,10 @@ mod tests {
     use super::*;
 
     /// Sets the strength of an effect of a camera.
-    type Set<'a> = &'a dyn Fn(&mut Camera, f32);
+    type Set<'a> = &'a dyn Fn(&mut PhotographEffects, f32);
 
     fn scene() -> Scene {
-        let values: Vec<f32> = (0..SIDE * SIDE)
+        let values: Vec<f32> = (0..DISK_SIDE * DISK_SIDE)
             .map(|c| {
                 let (x, y) = disk::centre(c);
                 if on_disk(c) { 1.0 + 0.3 * y + 4.0 * (-60.0 * ((x - 0.2).powi(2) + y * y)).exp() } else { 0.0 }
@@ -383,33 +383,33 @@ mod tests {
         Scene { values, details }
     }
 
-    fn taken(camera: &Camera, seed: u64) -> DiskImage {
-        let grey = Scene { values: vec![1.0; SIDE * SIDE], details: vec![0.0; SIDE * SIDE] };
+    fn taken(camera: &PhotographEffects, seed: u64) -> DiskImage {
+        let grey = Scene { values: vec![1.0; DISK_SIDE * DISK_SIDE], details: vec![0.0; DISK_SIDE * DISK_SIDE] };
         camera.photograph(&scene(), &grey, &mut Pcg64::seed_from_u64(seed))
     }
 
     /// Root mean square of the relative difference from the scene over the observed cells.
     fn error(image: &DiskImage) -> f32 {
         let scene = scene().values;
-        let seen: Vec<usize> = (0..SIDE * SIDE).filter(|&c| image.counts[c] > 0.0).collect();
+        let seen: Vec<usize> = (0..DISK_SIDE * DISK_SIDE).filter(|&c| image.counts[c] > 0.0).collect();
         let sum: f32 = seen.iter().map(|&c| (image.values[c] / scene[c] - 1.0).powi(2)).sum();
         (sum / seen.len() as f32).sqrt()
     }
 
     #[test]
     fn a_clean_camera_reproduces_the_scene() {
-        let image = taken(&Camera::CLEAN, 1);
+        let image = taken(&PhotographEffects::CLEAN, 1);
         assert!(error(&image) < 1e-6 && image.observed() > 0.999);
         assert_eq!(
-            taken(&Camera::draw(&mut Pcg64::seed_from_u64(5)), 2),
-            taken(&Camera::draw(&mut Pcg64::seed_from_u64(5)), 2)
+            taken(&PhotographEffects::draw(&mut Pcg64::seed_from_u64(5)), 2),
+            taken(&PhotographEffects::draw(&mut Pcg64::seed_from_u64(5)), 2)
         );
     }
 
     #[test]
     fn speckle_averages_out_over_pixels_and_sets_the_scatter() {
-        let few = Camera { speckle: 0.2, ..Camera::CLEAN };
-        let many = Camera { radius: 256.0, ..few };
+        let few = PhotographEffects { speckle: 0.2, ..PhotographEffects::CLEAN };
+        let many = PhotographEffects { radius: 256.0, ..few };
         assert!((error(&taken(&few, 3)) / 0.2 - 1.0).abs() < 0.1);
         let image = taken(&many, 3);
         assert!((error(&image) / 0.05 - 1.0).abs() < 0.1);
@@ -420,7 +420,7 @@ mod tests {
     #[test]
     fn each_effect_changes_the_image_and_grows_with_its_strength() {
         let with = |set: Set<'_>, strength: f32| {
-            let mut camera = Camera { radius: 128.0, ..Camera::CLEAN };
+            let mut camera = PhotographEffects { radius: 128.0, ..PhotographEffects::CLEAN };
             set(&mut camera, strength);
             error(&taken(&camera, 7))
         };
@@ -432,7 +432,7 @@ mod tests {
             ("stains", &|c, s| c.stains = s, 0.3),
             ("shadow", &|c, s| (c.figure, c.shadow) = (true, s), 0.5),
             ("bounce", &|c, s| (c.figure, c.bounce) = (true, s), 0.2),
-            ("foreign", &|c, s| c.foreign = s, 0.2),
+            ("foreign", &|c, s| c.other_material = s, 0.2),
             ("painted", &|c, s| c.painted = s, 0.4),
             ("defective", &|c, s| c.defective = s, 0.02),
             ("rough normals", &|c, s| c.rough_normals = s, 0.05),
@@ -448,38 +448,38 @@ mod tests {
     fn details_require_many_pixels_and_a_sharp_lens() {
         let median = |image: &DiskImage| {
             let scene = scene();
-            let mut all: Vec<f32> = (0..SIDE * SIDE)
+            let mut all: Vec<f32> = (0..DISK_SIDE * DISK_SIDE)
                 .filter(|&c| on_disk(c))
                 .filter_map(|c| Some(image.details[c]? / scene.values[c]))
                 .collect();
             all.sort_by(f32::total_cmp);
             (all.len() as f32 / DiskImage::cells() as f32, all.get(all.len() / 2).copied())
         };
-        let near = |camera: Camera, wanted: f32| {
+        let near = |camera: PhotographEffects, wanted: f32| {
             let (known, detail) = median(&taken(&camera, 4));
             assert!(known > 0.99 && (detail.unwrap() / wanted - 1.0).abs() < 0.05, "{known} {detail:?} {wanted}");
         };
-        let large = Camera { radius: 256.0, ..Camera::CLEAN };
+        let large = PhotographEffects { radius: 256.0, ..PhotographEffects::CLEAN };
         near(large, 0.05);
-        near(Camera { blur: 0.3, ..large }, 0.05 * (-7.0_f32 * 0.09).exp());
+        near(PhotographEffects { blur: 0.3, ..large }, 0.05 * (-7.0_f32 * 0.09).exp());
         // In cells of 16 pixels, noise counts as detail: 0.2 / sqrt(16) times the median of a chi
         // distribution with three degrees of freedom.
-        near(Camera { blur: 1.0, speckle: 0.2, ..large }, 0.05 * 1.538);
-        assert_eq!(median(&taken(&Camera { radius: 100.0, ..large }, 4)).0, 0.0);
-        let few = Camera { uneven: 0.01, ..large };
+        near(PhotographEffects { blur: 1.0, speckle: 0.2, ..large }, 0.05 * 1.538);
+        assert_eq!(median(&taken(&PhotographEffects { radius: 100.0, ..large }, 4)).0, 0.0);
+        let few = PhotographEffects { uneven: 0.01, ..large };
         let known = median(&taken(&few, 4)).0;
         assert!((known - 0.90).abs() < 0.02, "{known}");
     }
 
     #[test]
     fn missing_occluded_and_clipped_cells_are_not_observed() {
-        let gaps = taken(&Camera { missing: 0.3, ..Camera::CLEAN }, 1);
+        let gaps = taken(&PhotographEffects { missing: 0.3, ..PhotographEffects::CLEAN }, 1);
         assert!((gaps.observed() - 0.7).abs() < 0.02);
-        let hidden = taken(&Camera { occluded: 0.4, ..Camera::CLEAN }, 1);
+        let hidden = taken(&PhotographEffects { occluded: 0.4, ..PhotographEffects::CLEAN }, 1);
         assert!((hidden.observed() - 0.6).abs() < 0.02);
-        let clipped = taken(&Camera { clipped: 0.05, ..Camera::CLEAN }, 1);
+        let clipped = taken(&PhotographEffects { clipped: 0.05, ..PhotographEffects::CLEAN }, 1);
         assert!((clipped.observed() - 0.95).abs() < 0.02);
-        let coarse = taken(&Camera { radius: 40.0, ..Camera::CLEAN }, 1);
+        let coarse = taken(&PhotographEffects { radius: 40.0, ..PhotographEffects::CLEAN }, 1);
         assert!((coarse.observed() - 0.39).abs() < 0.05, "{}", coarse.observed());
     }
 }

@@ -47,7 +47,7 @@ impl<'a> ColourStock<'a> {
         materials.iter_mut().flatten().for_each(BivariateTable::extend_from_trusted);
         let luminances: Vec<BivariateTable> = materials.iter().map(BivariateTable::luminance).collect();
         let truths = materials.par_iter().zip(&luminances).map(|(rgb, luminance)| {
-            rgb.each_ref().map(|channel| channel_difference(&posterior.coordinates, channel, luminance))
+            rgb.each_ref().map(|channel| channel_difference(&posterior.latent_space, channel, luminance))
         });
         Self {
             posterior,
@@ -99,6 +99,6 @@ impl<'a> ColourStock<'a> {
     /// # Panics
     /// If there are no photographs.
     pub fn learn(&self) -> ColourModel {
-        ColourModel::learn(&self.posterior.coordinates, &self.materials, &self.samples, &self.chromas)
+        ColourModel::learn(&self.posterior.latent_space, &self.materials, &self.samples, &self.chromas)
     }
 }

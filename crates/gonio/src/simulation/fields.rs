@@ -3,7 +3,7 @@
 use rand::{Rng, RngExt};
 use rand_distr::{Distribution, StandardNormal};
 
-use crate::appearance::disk::{SIDE, on_disk};
+use crate::appearance::disk::{DISK_SIDE, on_disk};
 
 pub(super) fn between(rng: &mut impl Rng, low: f32, high: f32) -> f32 {
     rng.random_range(low..high)
@@ -20,7 +20,7 @@ pub(super) fn gauss(rng: &mut impl Rng) -> f32 {
 
 /// Returns the value below which a share of the cells of the disk lies.
 pub(super) fn quantile(values: &[f32], share: f32) -> f32 {
-    let mut on: Vec<f32> = (0..SIDE * SIDE).filter(|&c| on_disk(c)).map(|c| values[c]).collect();
+    let mut on: Vec<f32> = (0..DISK_SIDE * DISK_SIDE).filter(|&c| on_disk(c)).map(|c| values[c]).collect();
     let at = (share.clamp(0.0, 1.0) * (on.len() - 1) as f32) as usize;
     *on.select_nth_unstable_by(at, f32::total_cmp).1
 }
@@ -28,16 +28,16 @@ pub(super) fn quantile(values: &[f32], share: f32) -> f32 {
 /// Computes the magnitude of the slope at each cell, per width of a cell.
 pub(super) fn slopes(image: &[f32]) -> Vec<f32> {
     let slope = |c: usize| {
-        if !on_disk(c) || c < SIDE || c + SIDE >= SIDE * SIDE {
+        if !on_disk(c) || c < DISK_SIDE || c + DISK_SIDE >= DISK_SIDE * DISK_SIDE {
             return 0.0;
         }
         let along = |a: usize, b: usize| {
             if on_disk(a) && on_disk(b) { 0.5 * (image[b] - image[a]) } else { 0.0 }
         };
-        let (x, y) = (along(c - 1, c + 1), along(c - SIDE, c + SIDE));
+        let (x, y) = (along(c - 1, c + 1), along(c - DISK_SIDE, c + DISK_SIDE));
         (x * x + y * y).sqrt()
     };
-    (0..SIDE * SIDE).map(slope).collect()
+    (0..DISK_SIDE * DISK_SIDE).map(slope).collect()
 }
 
 /// Blurs an image by a Gaussian mean over the disk, of standard deviation `width` in cells.
@@ -47,14 +47,14 @@ pub(super) fn blurred(image: &[f32], width: f32) -> Vec<f32> {
     let pass = |from: &[[f32; 2]], stride: isize| -> Vec<[f32; 2]> {
         let mut to = vec![[0.0_f32; 2]; from.len()];
         for (i, weight) in (-reach..=reach).zip(&kernel) {
-            for y in 0..SIDE as isize {
+            for y in 0..DISK_SIDE as isize {
                 let (rows, columns) = if stride == 1 { (y, i) } else { (y + i, 0) };
-                if !(0..SIDE as isize).contains(&rows) {
+                if !(0..DISK_SIDE as isize).contains(&rows) {
                     continue;
                 }
-                let (low, high) = ((-columns).max(0), (SIDE as isize - columns).min(SIDE as isize));
-                let source = &from[(rows * SIDE as isize + low + columns) as usize..][..(high - low) as usize];
-                let target = &mut to[(y * SIDE as isize + low) as usize..][..(high - low) as usize];
+                let (low, high) = ((-columns).max(0), (DISK_SIDE as isize - columns).min(DISK_SIDE as isize));
+                let source = &from[(rows * DISK_SIDE as isize + low + columns) as usize..][..(high - low) as usize];
+                let target = &mut to[(y * DISK_SIDE as isize + low) as usize..][..(high - low) as usize];
                 target.iter_mut().zip(source).for_each(|(t, s)| {
                     t[0] += weight * s[0];
                     t[1] += weight * s[1];
@@ -63,17 +63,18 @@ pub(super) fn blurred(image: &[f32], width: f32) -> Vec<f32> {
         }
         to
     };
-    let start: Vec<[f32; 2]> = (0..SIDE * SIDE).map(|c| if on_disk(c) { [image[c], 1.0] } else { [0.0; 2] }).collect();
-    let done = pass(&pass(&start, 1), SIDE as isize);
-    (0..SIDE * SIDE).map(|c| if on_disk(c) { done[c][0] / done[c][1] } else { 0.0 }).collect()
+    let start: Vec<[f32; 2]> =
+        (0..DISK_SIDE * DISK_SIDE).map(|c| if on_disk(c) { [image[c], 1.0] } else { [0.0; 2] }).collect();
+    let done = pass(&pass(&start, 1), DISK_SIDE as isize);
+    (0..DISK_SIDE * DISK_SIDE).map(|c| if on_disk(c) { done[c][0] / done[c][1] } else { 0.0 }).collect()
 }
 
 pub(super) fn bilinear(image: &[f32], x: f32, y: f32) -> f32 {
-    let last = (SIDE - 2) as f32;
+    let last = (DISK_SIDE - 2) as f32;
     let (x, y) = (x.clamp(0.0, last), y.clamp(0.0, last));
     let (column, row) = (x as usize, y as usize);
     let (s, t) = (x - column as f32, y - row as f32);
-    let at = |c: usize, r: usize| image[r * SIDE + c];
+    let at = |c: usize, r: usize| image[r * DISK_SIDE + c];
     (1.0 - t) * ((1.0 - s) * at(column, row) + s * at(column + 1, row))
         + t * ((1.0 - s) * at(column, row + 1) + s * at(column + 1, row + 1))
 }
@@ -94,15 +95,15 @@ pub(super) fn field(across: usize, rng: &mut impl Rng) -> Vec<f32> {
         ]
     };
     let line = |shift: f32| -> Vec<(usize, [f32; 4])> {
-        (0..SIDE)
+        (0..DISK_SIDE)
             .map(|i| {
-                let at = (i as f32 + 0.5) / SIDE as f32 * (across as f32 - 1.0) + shift;
+                let at = (i as f32 + 0.5) / DISK_SIDE as f32 * (across as f32 - 1.0) + shift;
                 (at as usize, basis(at.fract()))
             })
             .collect()
     };
     let (columns, rows) = (line(shift.0), line(shift.1));
-    let mut out = Vec::with_capacity(SIDE * SIDE);
+    let mut out = Vec::with_capacity(DISK_SIDE * DISK_SIDE);
     // The weighted sum has a standard deviation of 0.479, averaged over places.
     const SCALE: f32 = 1.0 / 0.479;
     for (row, v) in &rows {

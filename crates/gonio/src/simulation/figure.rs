@@ -7,9 +7,9 @@
 
 use rand::Rng;
 
-use super::Camera;
+use super::PhotographEffects;
 use super::fields::{between, field, gauss, log_between};
-use crate::appearance::disk::{SIDE, centre, on_disk};
+use crate::appearance::disk::{DISK_SIDE, centre, on_disk};
 
 /// Statistics of the pixels of a cell: their number, and means over the parts that share the cell.
 #[derive(Clone, Copy, Default)]
@@ -25,7 +25,7 @@ struct Shared {
 }
 
 /// Parts of a figure, summed in each cell.
-pub(super) struct Figure {
+pub(super) struct MultiPartObject {
     cells: Vec<Shared>,
 }
 
@@ -85,12 +85,12 @@ impl Part {
         // The uneven edge may extend the part by about half its length.
         let reach = 1.6 * self.reach.0;
         let range = |middle: f32| {
-            let cell = |at: f32| ((0.5 * at + 0.5) * SIDE as f32).clamp(0.0, SIDE as f32) as usize;
-            cell(middle - reach)..(cell(middle + reach) + 1).min(SIDE)
+            let cell = |at: f32| ((0.5 * at + 0.5) * DISK_SIDE as f32).clamp(0.0, DISK_SIDE as f32) as usize;
+            cell(middle - reach)..(cell(middle + reach) + 1).min(DISK_SIDE)
         };
         // Row indices increase downwards; y points upwards.
         let (rows, columns) = (range(-self.middle.1), range(self.middle.0));
-        rows.flat_map(move |row| columns.clone().map(move |column| row * SIDE + column))
+        rows.flat_map(move |row| columns.clone().map(move |column| row * DISK_SIDE + column))
     }
 
     /// Returns the depth of shadow at a place.
@@ -99,15 +99,15 @@ impl Part {
     }
 }
 
-impl Figure {
+impl MultiPartObject {
     /// Draws a figure with the stains, the shadow and the interreflections of a camera.
-    pub(super) fn draw(camera: &Camera, rng: &mut impl Rng) -> Self {
+    pub(super) fn draw(camera: &PhotographEffects, rng: &mut impl Rng) -> Self {
         let count = log_between(rng, 3.0, 60.0) as usize;
         let whole = Part::whole(camera.stains, rng);
         let parts: Vec<Part> =
             std::iter::once(whole).chain((0..count).map(|_| Part::draw(camera.stains, rng))).collect();
         let (edge, dark, lit) = (field(9, rng), field(5, rng), field(4, rng));
-        let mut cells = vec![Shared::default(); SIDE * SIDE];
+        let mut cells = vec![Shared::default(); DISK_SIDE * DISK_SIDE];
         for part in &parts {
             let inside = |&c: &usize| part.distance(centre(c)) <= (1.0 + 0.5 * edge[c]).max(0.1);
             for cell in part.cells().filter(inside) {
@@ -118,7 +118,7 @@ impl Figure {
             }
         }
         cells.iter_mut().for_each(Shared::finish);
-        let on = || (0..SIDE * SIDE).filter(|&c| on_disk(c));
+        let on = || (0..DISK_SIDE * DISK_SIDE).filter(|&c| on_disk(c));
         let mean = on().map(|c| cells[c].density).sum::<f32>() / on().count() as f32;
         cells.iter_mut().for_each(|c| c.density /= mean);
         Self { cells }
@@ -174,24 +174,26 @@ mod tests {
 
     use super::*;
 
-    const ALL: Camera = Camera { stains: 0.2, shadow: 0.6, bounce: 0.1, ..Camera::CLEAN };
+    const ALL: PhotographEffects =
+        PhotographEffects { stains: 0.2, shadow: 0.6, bounce: 0.1, ..PhotographEffects::CLEAN };
 
-    fn shown(camera: &Camera, seed: u64) -> (Vec<f32>, Vec<f32>) {
-        let (mut image, mut details) = (vec![2.0; SIDE * SIDE], vec![0.1; SIDE * SIDE]);
-        let variance = Figure::draw(camera, &mut Pcg64::seed_from_u64(seed)).show(&mut image, &mut details, 2.0);
+    fn shown(camera: &PhotographEffects, seed: u64) -> (Vec<f32>, Vec<f32>) {
+        let (mut image, mut details) = (vec![2.0; DISK_SIDE * DISK_SIDE], vec![0.1; DISK_SIDE * DISK_SIDE]);
+        let variance =
+            MultiPartObject::draw(camera, &mut Pcg64::seed_from_u64(seed)).show(&mut image, &mut details, 2.0);
         (image, variance)
     }
 
     #[test]
     fn without_effects_all_parts_are_equal() {
-        let (image, variance) = shown(&Camera::CLEAN, 1);
+        let (image, variance) = shown(&PhotographEffects::CLEAN, 1);
         assert!(image.iter().all(|v| (v - 2.0).abs() < 1e-4) && variance.iter().all(|v| *v < 1e-4));
     }
 
     #[test]
     fn every_normal_has_pixels_and_some_have_more() {
-        let density: Vec<f32> = Figure::draw(&ALL, &mut Pcg64::seed_from_u64(2)).densities().collect();
-        let on: Vec<f32> = (0..SIDE * SIDE).filter(|&c| on_disk(c)).map(|c| density[c]).collect();
+        let density: Vec<f32> = MultiPartObject::draw(&ALL, &mut Pcg64::seed_from_u64(2)).densities().collect();
+        let on: Vec<f32> = (0..DISK_SIDE * DISK_SIDE).filter(|&c| on_disk(c)).map(|c| density[c]).collect();
         let mean = on.iter().sum::<f32>() / on.len() as f32;
         assert!((mean - 1.0).abs() < 1e-3 && on.iter().all(|d| *d > 0.0));
         assert!(on.iter().any(|d| *d > 1.5));
@@ -204,7 +206,7 @@ mod tests {
         let (mut steps, mut total) = (0.0, 0.0);
         for seed in 0..8 {
             let (image, _) = shown(&ALL, seed);
-            let on: Vec<usize> = (0..SIDE * SIDE).filter(|&c| on_disk(c) && on_disk(c + 1)).collect();
+            let on: Vec<usize> = (0..DISK_SIDE * DISK_SIDE).filter(|&c| on_disk(c) && on_disk(c + 1)).collect();
             let mean = on.iter().map(|&c| image[c]).sum::<f32>() / on.len() as f32;
             let largest = on.iter().map(|&c| (image[c + 1] - image[c]).abs()).fold(0.0, f32::max);
             steps += largest;
@@ -216,12 +218,15 @@ mod tests {
     #[test]
     fn only_cells_with_several_parts_have_variance() {
         // Cells that only the body covers have no variance.
-        let figure = Figure::draw(&Camera { stains: 0.3, ..Camera::CLEAN }, &mut Pcg64::seed_from_u64(5));
+        let figure = MultiPartObject::draw(
+            &PhotographEffects { stains: 0.3, ..PhotographEffects::CLEAN },
+            &mut Pcg64::seed_from_u64(5),
+        );
         let alone = figure.densities().fold(f32::INFINITY, f32::min);
-        let (mut image, mut details) = (vec![1.0; SIDE * SIDE], vec![0.0; SIDE * SIDE]);
+        let (mut image, mut details) = (vec![1.0; DISK_SIDE * DISK_SIDE], vec![0.0; DISK_SIDE * DISK_SIDE]);
         let variance = figure.show(&mut image, &mut details, 1.0);
         let mut several = 0;
-        for cell in (0..SIDE * SIDE).filter(|&c| on_disk(c)) {
+        for cell in (0..DISK_SIDE * DISK_SIDE).filter(|&c| on_disk(c)) {
             if figure.cells[cell].density < 1.0001 * alone {
                 assert!(variance[cell] < 1e-5);
             } else {

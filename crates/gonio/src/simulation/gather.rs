@@ -1,4 +1,4 @@
-//! Innermost loops of [`BallRenderer`](super::BallRenderer).
+//! Innermost loops of [`BallRenderer`](super::ball::BallRenderer).
 //!
 //! They add the light at eight normals, which are images of each other, to the table cells that
 //! reflect it.
@@ -41,7 +41,7 @@ impl Ring {
             let at = |i: usize, axis: usize| halves.get(i).map_or(0.0, |half| half[axis]);
             ([0, 1, 2].map(|axis| array::from_fn(|i| at(i, axis))), halves.len())
         };
-        let half_side = half_side(LightPyramid::SIDE, level);
+        let half_side = half_side(LightPyramid::FINEST_SIDE, level);
         Self { row, beyond, solid_angle, level, half_side, blocks: halves.chunks(LANES).map(block).collect() }
     }
 }

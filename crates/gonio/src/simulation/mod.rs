@@ -1,12 +1,12 @@
 //! Simulated photographs: materials of the prior under captured and artificial lights, with camera
 //! effects.
 //!
-//! A [`Stock`] contains groups of scenes. A group has some materials and some views of lights; its
-//! scenes are ideal images of a ball of each material in each view. Any number of photographs can
-//! be drawn from a stock, since images are linear in the light and in the material. A photograph
-//! shows one material of a group or a mixture of two. Its light is the sum of up to four views with
-//! random weights and turns. The number of lights is therefore unlimited, and an encoder cannot
-//! memorise them (`docs/training.md`).
+//! A [`ScenePool`] contains groups of scenes. A group has some materials and some views of lights;
+//! its scenes are ideal images of a ball of each material in each view. Any number of photographs
+//! can be drawn from a stock, since images are linear in the light and in the material. A
+//! photograph shows one material of a group or a mixture of two. Its light is the sum of up to four
+//! views with random weights and turns. The number of lights is therefore unlimited, and an encoder
+//! cannot memorise them (`docs/training.md`).
 
 mod ball;
 mod camera;
@@ -30,7 +30,7 @@ use rand_pcg::Pcg64;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-pub use camera::Camera;
+pub use camera::PhotographEffects;
 pub use colours::ColourStock;
 pub use lights::LightKind;
 pub use pyramid::LightPyramid;
@@ -38,13 +38,13 @@ use scene::Packed;
 pub use scene::{Scene, SceneRenderer};
 
 use crate::appearance::DiskImage;
-use crate::appearance::disk::{self, SIDE, on_disk};
+use crate::appearance::disk::{self, DISK_SIDE, on_disk};
 use crate::lighting::EnvironmentMap;
 use crate::reflectance::{BivariateTable, Dictionary, DrawnMaterial, Prior};
 
 /// Settings of the simulated scenes.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct StockSettings {
+pub struct ScenePoolSettings {
     /// Number of groups from which photographs are drawn at a time.
     pub groups: usize,
     /// Number of views of captured lights in each group.
@@ -59,13 +59,13 @@ pub struct StockSettings {
     pub prior: Prior,
 }
 
-impl Default for StockSettings {
+impl Default for ScenePoolSettings {
     fn default() -> Self {
         Self { groups: 8, views: 24, draws: 120, tilt: 12.0, seed: 1, prior: Prior::default() }
     }
 }
 
-impl StockSettings {
+impl ScenePoolSettings {
     /// Returns the number of groups for a training run of this many steps: short runs need fewer
     /// than the default.
     pub fn groups_for(steps: usize) -> usize {
@@ -76,11 +76,11 @@ impl StockSettings {
 /// Scenes from which photographs are drawn.
 ///
 /// The scenes of the default settings take 0.9 GB. Training replaces one group after the other
-/// ([`Self::hold`]), so memory does not depend on the number of scenes in a training run.
-pub struct Stock {
+/// ([`Self::load_groups`]), so memory does not depend on the number of scenes in a training run.
+pub struct ScenePool {
     dictionary: Dictionary,
     lights: Vec<EnvironmentMap>,
-    settings: StockSettings,
+    settings: ScenePoolSettings,
     renderer: SceneRenderer,
     /// Number of the first group of `groups`.
     first: u64,
@@ -91,7 +91,7 @@ pub struct Stock {
 struct Group {
     materials: Vec<DrawnMaterial>,
     /// Coordinates of each material.
-    places: Vec<Vec<f64>>,
+    coordinates: Vec<Vec<f64>>,
     /// Scenes of the materials in each view.
     views: Vec<Vec<Packed>>,
 }
@@ -114,15 +114,15 @@ pub struct Photograph {
     /// Image of the photograph.
     pub image: DiskImage,
     /// Position of the material in the coordinates of the dictionary.
-    pub place: Vec<f64>,
+    pub coordinates: Vec<f64>,
 }
 
-impl Stock {
+impl ScenePool {
     /// Builds a stock without scenes.
     ///
     /// # Panics
     /// If there are no lights, or if `groups`, `views` or `draws` is zero.
-    pub fn new(dictionary: Dictionary, lights: Vec<EnvironmentMap>, settings: StockSettings) -> Self {
+    pub fn new(dictionary: Dictionary, lights: Vec<EnvironmentMap>, settings: ScenePoolSettings) -> Self {
         assert!(!lights.is_empty() && settings.groups * settings.views * settings.draws > 0);
         let renderer = SceneRenderer::new();
         Self { dictionary, lights, settings, renderer, first: 0, groups: VecDeque::new() }
@@ -142,7 +142,7 @@ impl Stock {
     ///
     /// Groups that are already in the stock are kept. A group depends only on the settings, the
     /// lights and its number.
-    pub fn hold(&mut self, first: u64) {
+    pub fn load_groups(&mut self, first: u64) {
         let held = self.groups.len() as u64;
         if first < self.first || first >= self.first + held {
             self.groups.clear();
@@ -172,8 +172,8 @@ impl Stock {
             renderer.render(&tables, &light).par_iter().map(Packed::of).collect()
         };
         let views = (0..settings.views).map(&mut view).collect();
-        let places = tables.par_iter().map(|t| dictionary.coordinates.of(t)).collect();
-        Group { materials, places, views }
+        let places = tables.par_iter().map(|t| dictionary.latent_space.of(t)).collect();
+        Group { materials, coordinates: places, views }
     }
 
     /// Returns a photograph of one material or of a mixture of two, in the sum of some views.
@@ -185,7 +185,7 @@ impl Stock {
     pub fn photograph(&self, number: u64) -> Photograph {
         let mut rng = self.generator(number);
         let pick = self.pick(&mut rng);
-        let camera = Camera::draw(&mut rng);
+        let camera = PhotographEffects::draw(&mut rng);
         let (mut scene, mut other) = (Scene::black(), Scene::black());
         for &(view, weight, way) in &pick.views {
             let scenes = &pick.group.views[view];
@@ -196,20 +196,20 @@ impl Stock {
             // Views contribute by their weights, independent of the brightness of their lights.
             let scale = weight / disk::mean(&one.values).max(1e-30);
             one.add_turned(way, scale, &mut scene);
-            if camera.foreign > 0.0 {
+            if camera.other_material > 0.0 {
                 let mut foreign = Scene::black();
                 scenes[pick.foreign].add_to(1.0, &mut foreign);
                 foreign.add_turned(way, scale, &mut other);
             }
         }
-        Photograph { image: camera.photograph(&scene, &other, &mut rng), place: self.place_of(&pick) }
+        Photograph { image: camera.photograph(&scene, &other, &mut rng), coordinates: self.place_of(&pick) }
     }
 
     /// Draws the coordinates of a material from the distribution of the materials of photographs.
     ///
     /// The number of materials is unlimited. The same number gives the same material, independent
     /// of the groups.
-    pub fn place(&self, number: u64) -> Vec<f64> {
+    pub fn draw_coordinates(&self, number: u64) -> Vec<f64> {
         let mut rng = self.generator(number);
         let mut draw = || self.dictionary.draw(&self.settings.prior, &mut rng);
         let (one, two) = (draw(), draw());
@@ -239,7 +239,7 @@ impl Stock {
 
     fn place_of(&self, pick: &Pick) -> Vec<f64> {
         if pick.share == 1.0 {
-            return pick.group.places[pick.one].clone();
+            return pick.group.coordinates[pick.one].clone();
         }
         let [one, two] = [pick.one, pick.two].map(|at| &pick.group.materials[at]);
         self.place_of_mixture(one, two, pick.share)
@@ -253,7 +253,7 @@ impl Stock {
             let cells = table.as_mut_slice().iter_mut().zip(other.as_slice());
             cells.for_each(|(a, b)| *a = share * *a + (1.0 - share) * b);
         }
-        self.dictionary.coordinates.of(&table)
+        self.dictionary.latent_space.of(&table)
     }
 }
 
@@ -287,13 +287,13 @@ impl Scene {
     ///
     /// Details of different lights are independent: their squares add.
     fn add_turned(&self, way: usize, scale: f32, to: &mut Self) {
-        let last = SIDE - 1;
-        for cell in (0..SIDE * SIDE).filter(|&c| on_disk(c)) {
-            let (x, y) = (cell % SIDE, cell / SIDE);
+        let last = DISK_SIDE - 1;
+        for cell in (0..DISK_SIDE * DISK_SIDE).filter(|&c| on_disk(c)) {
+            let (x, y) = (cell % DISK_SIDE, cell / DISK_SIDE);
             let x = if way & 1 == 0 { x } else { last - x };
             let y = if way & 2 == 0 { y } else { last - y };
             let (x, y) = if way & 4 == 0 { (x, y) } else { (y, x) };
-            let from = y * SIDE + x;
+            let from = y * DISK_SIDE + x;
             to.values[cell] += scale * self.values[from];
             // Far faster than `hypot`, and no value is near the limits of f32.
             let (own, other) = (to.details[cell], scale * self.details[from]);
@@ -302,7 +302,7 @@ impl Scene {
     }
 }
 
-/// Builds a random generator for photographs that a [`Camera`] takes without a stock.
+/// Builds a random generator for photographs that a [`PhotographEffects`] takes without a stock.
 pub fn generator(seed: u64) -> impl Rng {
     Pcg64::seed_from_u64(seed)
 }

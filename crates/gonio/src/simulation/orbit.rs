@@ -113,11 +113,11 @@ impl Orbits {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::appearance::disk::{SIDE, normal, on_disk};
+    use crate::appearance::disk::{DISK_SIDE, normal, on_disk};
 
     #[test]
     fn orbits_of_the_disk_contain_every_normal() {
-        let normals: Vec<Vec3> = (0..SIDE * SIDE).filter(|&c| on_disk(c)).map(normal).collect();
+        let normals: Vec<Vec3> = (0..DISK_SIDE * DISK_SIDE).filter(|&c| on_disk(c)).map(normal).collect();
         let orbits = Orbits::of(&normals);
         let mut seen = vec![false; normals.len()];
         for (first, places) in orbits.normals.iter().zip(&orbits.places) {

@@ -23,11 +23,11 @@ pub struct LightPyramid {
 impl LightPyramid {
     /// Texels along a side of the finest level: 0.8 degrees each, about the resolution of captured
     /// maps.
-    pub const SIDE: usize = 256;
+    pub const FINEST_SIDE: usize = 256;
 
     /// Builds the pyramid from the luminance by direction.
     pub fn new(luminance: impl Fn(DVec3) -> f64 + Sync) -> Self {
-        let side = Self::SIDE;
+        let side = Self::FINEST_SIDE;
         let step = 1.0 / (side * SAMPLES) as f64;
         let texel = |at: usize| {
             let (x, y) = (at % side, at / side);
@@ -51,7 +51,7 @@ impl LightPyramid {
     /// Returns the mean luminance of the full light around a direction.
     pub(super) fn towards(&self, direction: DVec3, level: usize) -> f32 {
         use crate::render::pyramid::{Part, Place, half_side};
-        self.images.at(Part::All, level, &Place::of(direction.as_vec3(), half_side(Self::SIDE, level))).0[0]
+        self.images.at(Part::All, level, &Place::of(direction.as_vec3(), half_side(Self::FINEST_SIDE, level))).0[0]
     }
 }
 
@@ -77,7 +77,7 @@ mod tests {
         let light = LightPyramid::new(|d| 2.0 + d.y + 0.3 * d.x + 0.5 * d.x * d.z);
         for level in [0, 3, 6] {
             for d in everywhere() {
-                let at = Place::of(d.as_vec3(), half_side(LightPyramid::SIDE, level));
+                let at = Place::of(d.as_vec3(), half_side(LightPyramid::FINEST_SIDE, level));
                 let images = light.images.at(Part::All, level, &at).0;
                 for (way, got) in images.into_iter().enumerate() {
                     let (x, y) = image(way, (d.x as f32, d.y as f32));

@@ -9,7 +9,7 @@ use super::ball::{BallRenderer, Rings};
 use super::orbit::Orbits;
 use super::pyramid::LightPyramid;
 use crate::appearance::detail::details;
-use crate::appearance::disk::{self, SIDE, on_disk};
+use crate::appearance::disk::{self, DISK_SIDE, on_disk};
 use crate::reflectance::BivariateTable;
 
 /// Ideal image of a ball, without camera effects. Both fields are zero off the disk.
@@ -42,7 +42,7 @@ impl Default for SceneRenderer {
 impl SceneRenderer {
     /// Builds the renderer for the whole disk.
     pub fn new() -> Self {
-        let cells: Vec<usize> = (0..SIDE * SIDE).filter(|&c| on_disk(c)).collect();
+        let cells: Vec<usize> = (0..DISK_SIDE * DISK_SIDE).filter(|&c| on_disk(c)).collect();
         let up = |(x, y): (f32, f32)| Vec3::new(x, y, (1.0 - x * x - y * y).sqrt());
         let middles: Vec<Vec3> = cells.iter().map(|&c| disk::normal(c)).collect();
         let quarters: Vec<Vec3> = cells.iter().flat_map(|&c| disk::quarters(c).map(up)).collect();
@@ -60,14 +60,14 @@ impl SceneRenderer {
     }
 
     fn scene(&self, far: &[f32], near: &[f32]) -> Scene {
-        let (mut values, mut quarters) = (vec![0.0; SIDE * SIDE], vec![[0.0; 4]; SIDE * SIDE]);
+        let (mut values, mut quarters) = (vec![0.0; DISK_SIDE * DISK_SIDE], vec![[0.0; 4]; DISK_SIDE * DISK_SIDE]);
         for ((&cell, far), near) in self.cells.iter().zip(far).zip(near.as_chunks::<4>().0) {
             quarters[cell] = *near;
             values[cell] = far + 0.25 * near.iter().sum::<f32>();
         }
         // The plane is fitted to the near part, because the far part has no detail.
         let sharp: Vec<f32> = quarters.iter().map(|q| 0.25 * q.iter().sum::<f32>()).collect();
-        let details = details(&sharp, &vec![1.0; SIDE * SIDE], |cell| Some(quarters[cell]));
+        let details = details(&sharp, &vec![1.0; DISK_SIDE * DISK_SIDE], |cell| Some(quarters[cell]));
         Scene { values, details: details.into_iter().map(|d| d.unwrap_or(0.0)).collect() }
     }
 }
@@ -86,7 +86,7 @@ pub(super) struct Packed {
 const RANGE: f32 = 24.0;
 
 /// Largest detail relative to the value, and the range of its logarithms.
-const MOST_DETAIL: f32 = 2.0;
+const MAX_DETAIL: f32 = 2.0;
 const DETAIL_RANGE: f32 = 7.0;
 
 /// Exponentials of packed numbers.
@@ -100,7 +100,7 @@ struct Tables {
 
 static TABLES: LazyLock<Tables> = LazyLock::new(|| {
     let (step, fine) = (RANGE / f32::from(u16::MAX), DETAIL_RANGE / 255.0);
-    let detail = |k: usize| if k == 0 { 0.0 } else { MOST_DETAIL * (fine * (k as f32 - 255.0)).exp() };
+    let detail = |k: usize| if k == 0 { 0.0 } else { MAX_DETAIL * (fine * (k as f32 - 255.0)).exp() };
     Tables {
         high: std::array::from_fn(|k| (-step * 256.0 * k as f32).exp()),
         low: std::array::from_fn(|k| (-step * k as f32).exp()),
@@ -110,13 +110,13 @@ static TABLES: LazyLock<Tables> = LazyLock::new(|| {
 
 impl Packed {
     pub(super) fn of(scene: &Scene) -> Self {
-        let on = || (0..SIDE * SIDE).filter(|&c| on_disk(c));
+        let on = || (0..DISK_SIDE * DISK_SIDE).filter(|&c| on_disk(c));
         let top = scene.values.iter().copied().fold(1e-30, f32::max).ln();
         let steps = f32::from(u16::MAX) / RANGE;
         let value = |c: usize| ((top - scene.values[c].max(1e-35).ln()) * steps).round() as u16;
         let detail = |c: usize| {
             let relative = scene.details[c] / scene.values[c].max(1e-35);
-            (255.0 + 255.0 / DETAIL_RANGE * (relative / MOST_DETAIL).ln()).round() as u8
+            (255.0 + 255.0 / DETAIL_RANGE * (relative / MAX_DETAIL).ln()).round() as u8
         };
         Self { top, values: on().map(value).collect(), details: on().map(detail).collect() }
     }
@@ -125,7 +125,7 @@ impl Packed {
     pub(super) fn add_to(&self, weight: f32, scene: &mut Scene) {
         let Tables { high, low, details } = &*TABLES;
         let scale = weight * self.top.exp();
-        let cells = (0..SIDE * SIDE).filter(|&c| on_disk(c));
+        let cells = (0..DISK_SIDE * DISK_SIDE).filter(|&c| on_disk(c));
         for ((cell, value), detail) in cells.zip(&self.values).zip(&self.details) {
             let [above, below] = value.to_be_bytes();
             let value = scale * high[usize::from(above)] * low[usize::from(below)];
@@ -138,7 +138,7 @@ impl Packed {
 impl Scene {
     /// Returns a black scene.
     pub(super) fn black() -> Self {
-        Self { values: vec![0.0; SIDE * SIDE], details: vec![0.0; SIDE * SIDE] }
+        Self { values: vec![0.0; DISK_SIDE * DISK_SIDE], details: vec![0.0; DISK_SIDE * DISK_SIDE] }
     }
 }
 
@@ -172,7 +172,7 @@ mod tests {
         let mut back = Scene::black();
         packed.add_to(0.75, &mut back);
         packed.add_to(0.25, &mut back);
-        for cell in (0..SIDE * SIDE).filter(|&c| on_disk(c)) {
+        for cell in (0..DISK_SIDE * DISK_SIDE).filter(|&c| on_disk(c)) {
             let (value, detail) = (scene.values[cell], scene.details[cell]);
             assert!((back.values[cell] / value - 1.0).abs() < 5e-4);
             assert!((back.details[cell] - detail).abs() < 0.02 * detail + 0.002 * value, "{}", back.details[cell]);

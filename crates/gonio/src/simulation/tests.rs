@@ -4,35 +4,39 @@ use super::*;
 use crate::inference::learnt::tests::WORLD;
 use crate::testing::light_map;
 
-fn stock() -> Stock {
+fn stock() -> ScenePool {
     let lights = [1.0, -1.0].map(|slope| light_map(32, move |d| 2.0 + slope * d.y)).into();
-    Stock::new(WORLD.clone(), lights, StockSettings { groups: 1, views: 1, draws: 3, ..StockSettings::default() })
+    ScenePool::new(
+        WORLD.clone(),
+        lights,
+        ScenePoolSettings { groups: 1, views: 1, draws: 3, ..ScenePoolSettings::default() },
+    )
 }
 
 /// A stock with a group that is not rendered.
-fn unrendered() -> Stock {
+fn unrendered() -> ScenePool {
     let mut stock = stock();
     let materials = vec![WORLD.entries[0].clone(); 3];
-    stock.groups.push_back(Group { materials, places: vec![vec![]; 3], views: vec![vec![]; 3] });
+    stock.groups.push_back(Group { materials, coordinates: vec![vec![]; 3], views: vec![vec![]; 3] });
     stock
 }
 
 #[test]
 fn groups_depend_only_on_their_number() {
     let mut moved = stock();
-    moved.hold(0);
+    moved.load_groups(0);
     assert_eq!(moved.scenes(), 3);
     let before = moved.photograph(5);
-    moved.hold(1);
+    moved.load_groups(1);
     let mut fresh = stock();
-    fresh.hold(1);
+    fresh.load_groups(1);
     for number in 0..8 {
         let (a, b) = (moved.photograph(number), fresh.photograph(number));
-        assert!(a.image == b.image && a.place == b.place, "{number}");
+        assert!(a.image == b.image && a.coordinates == b.coordinates, "{number}");
     }
-    moved.hold(0);
+    moved.load_groups(0);
     let again = moved.photograph(5);
-    assert!(again.image == before.image && again.place == before.place);
+    assert!(again.image == before.image && again.coordinates == before.coordinates);
 }
 
 #[test]
@@ -53,21 +57,21 @@ fn photographs_sum_views_in_the_stated_shares() {
 
 #[test]
 fn summed_scenes_are_turned_and_squares_of_details_add() {
-    let spot = (SIDE / 2 + 5, SIDE / 2 - 9);
+    let spot = (DISK_SIDE / 2 + 5, DISK_SIDE / 2 - 9);
     let mut scene = Scene::black();
     let (value, detail) = (2.0, 0.3);
-    (scene.values[spot.1 * SIDE + spot.0], scene.details[spot.1 * SIDE + spot.0]) = (value, detail);
-    let last = SIDE - 1;
+    (scene.values[spot.1 * DISK_SIDE + spot.0], scene.details[spot.1 * DISK_SIDE + spot.0]) = (value, detail);
+    let last = DISK_SIDE - 1;
     // Places of the spot under the first four symmetries.
     let places = [spot, (last - spot.0, spot.1), (spot.0, last - spot.1), (last - spot.0, last - spot.1)];
     for way in 0..8 {
         let mut sum = Scene::black();
         scene.add_turned(way, 2.0, &mut sum);
         scene.add_turned(way, 1.0, &mut sum);
-        let lit: Vec<usize> = (0..SIDE * SIDE).filter(|&c| sum.values[c] > 0.0).collect();
+        let lit: Vec<usize> = (0..DISK_SIDE * DISK_SIDE).filter(|&c| sum.values[c] > 0.0).collect();
         assert_eq!(lit.len(), 1, "{way}");
         if let Some((x, y)) = places.get(way) {
-            assert_eq!(lit[0], y * SIDE + x, "{way}");
+            assert_eq!(lit[0], y * DISK_SIDE + x, "{way}");
         }
         assert!((sum.values[lit[0]] - 3.0 * value).abs() < 1e-6);
         assert!((sum.details[lit[0]] - 5.0_f32.sqrt() * detail).abs() < 1e-6);
@@ -77,7 +81,7 @@ fn summed_scenes_are_turned_and_squares_of_details_add() {
 #[test]
 fn candidates_do_not_depend_on_the_groups() {
     let (some, none) = (unrendered(), stock());
-    let places: Vec<Vec<f64>> = (0..3).map(|number| some.place(number)).collect();
-    assert!(places[0] != places[1] && places[0].len() == WORLD.coordinates.axes.len());
-    assert_eq!(places, (0..3).map(|number| none.place(number)).collect::<Vec<_>>());
+    let places: Vec<Vec<f64>> = (0..3).map(|number| some.draw_coordinates(number)).collect();
+    assert!(places[0] != places[1] && places[0].len() == WORLD.latent_space.axes.len());
+    assert_eq!(places, (0..3).map(|number| none.draw_coordinates(number)).collect::<Vec<_>>());
 }

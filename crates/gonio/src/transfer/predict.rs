@@ -13,7 +13,7 @@ use crate::shape::{Points, SurfacePoint};
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Prediction {
     /// Luminance of the point in its own view, under the light that reaches it.
-    pub seen: f64,
+    pub shadowed: f64,
     /// Luminance at the same normal of a sphere, without occlusion.
     ///
     /// The normal is relative to the view; the sphere is viewed from `+z` in the same light.
@@ -69,7 +69,7 @@ pub fn predict<'a>(
                 quadrature.integrate(&turned, &tables, texels);
                 sum(texels)
             };
-            Prediction { seen, on_sphere, edge }
+            Prediction { shadowed: seen, on_sphere, edge }
         },
     );
     each.collect()
@@ -99,7 +99,7 @@ mod tests {
         for from in fibonacci_hemisphere(60).map(|n| DVec3::new(0.9 * n.x, 0.9 * n.y, 3.0)) {
             if let Some(hit) = tracer.hit(&Ray { origin: from, direction: -view }) {
                 points.push(SurfacePoint { normal: hit.normal, view });
-                lookouts.push(Viewpoint { from: hit.clear, normal: hit.normal });
+                lookouts.push(Viewpoint { from: hit.ray_origin, normal: hit.normal });
             }
         }
         (points, Visibility::trace(&tracer, &lookouts, MAP, SIDE, &|_| ()))
@@ -126,7 +126,7 @@ mod tests {
                 seen += share * all;
                 edge += if share > 0.0 && share < 1.0 { share * all } else { 0.0 };
             }
-            assert!((got.on_sphere / open - 1.0).abs() < 1e-4 && (got.seen / seen - 1.0).abs() < 1e-4, "{got:?}");
+            assert!((got.on_sphere / open - 1.0).abs() < 1e-4 && (got.shadowed / seen - 1.0).abs() < 1e-4, "{got:?}");
             assert!((got.edge - edge / seen).abs() < 1e-4, "{got:?} {edge} {seen}");
             shadowed += usize::from(seen < 0.8 * open);
         }
@@ -146,7 +146,7 @@ mod tests {
         let (texel, share) = visibility.partial(i).find(|(_, share)| *share > 0.2 && *share < 0.8).unwrap();
         let edge = at(i, texel);
         assert!(
-            (edge.edge - 1.0).abs() < 1e-9 && (edge.seen / edge.on_sphere - f64::from(share)).abs() < 1e-6,
+            (edge.edge - 1.0).abs() < 1e-9 && (edge.shadowed / edge.on_sphere - f64::from(share)).abs() < 1e-6,
             "{edge:?}"
         );
     }
@@ -164,7 +164,7 @@ mod tests {
             predict(&straight, &table(), &light, QuadratureSettings::default()),
         );
         for (a, b) in a.iter().zip(&b) {
-            assert!((a.on_sphere / b.seen - 1.0).abs() < 1e-3 && a.edge == 0.0, "{a:?} {b:?}");
+            assert!((a.on_sphere / b.shadowed - 1.0).abs() < 1e-3 && a.edge == 0.0, "{a:?} {b:?}");
         }
     }
 }

@@ -12,7 +12,7 @@ use gonio_report::page::figure;
 /// Number of cells shown as the worst.
 const WORST: usize = 12;
 /// Side of a picture on the page, CSS pixels.
-const SIDE: usize = 96;
+const PICTURE_SIDE: usize = 96;
 
 /// Records of one photograph, by estimator.
 type Photograph<'a> = BTreeMap<Estimator, &'a Record>;
@@ -33,8 +33,8 @@ fn row(photograph: &Photograph<'_>) -> Markup {
     html! {
         div.tiles {
             @if let Some(reference) = reference {
-                div.tile style={ "width:" (SIDE) "px" } {
-                    (figure::encoded(&reference.photograph, SIDE, "the photograph"))
+                div.tile style={ "width:" (PICTURE_SIDE) "px" } {
+                    (figure::encoded(&reference.photograph, PICTURE_SIDE, "the photograph"))
                     span { "photograph" }
                 }
                 @if reference.estimator == Estimator::TrueBivariate { (tile(reference)) }
@@ -48,9 +48,9 @@ fn tile(record: &Record) -> Markup {
     let title = record.estimator.title();
     let alt = format!("{} by {title}, log relight error {:.2}", record.material, record.log());
     html! {
-        div.tile style={ "width:" (SIDE) "px" } {
+        div.tile style={ "width:" (PICTURE_SIDE) "px" } {
             @if record.failure.is_some() || record.picture.is_empty() { p { "no estimate" } }
-            @else { (figure::encoded(&record.picture, SIDE, &alt)) }
+            @else { (figure::encoded(&record.picture, PICTURE_SIDE, &alt)) }
             span {
                 (title) br;
                 (format!("{:.2} / {:.2} / {:.2}", record.relative(), record.log(), record.rgb(|errors| errors.estimate)))

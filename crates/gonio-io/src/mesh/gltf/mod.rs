@@ -11,12 +11,12 @@ use gltf::json::validation::Checked;
 use gltf::mesh::Mode;
 use gltf::scene::Transform;
 use gltf::{Document, Node, Primitive, Semantic};
-use gonio::shape::{Mesh, Soundness};
+use gonio::shape::{Mesh, MeshDefects};
 
 use self::buffers::Buffers;
 use self::morph::Vertices;
 use super::Fetch;
-use super::parts::Parts;
+use super::parts::MeshBuilder;
 use crate::{Error, Kind, guard};
 
 pub(super) use buffers::read_sibling;
@@ -33,7 +33,7 @@ const ALLOWED: [&str; 6] =
 /// Advice for compressed meshes. `gltf-transform copy` decodes Draco and meshopt.
 const DECOMPRESS: &str = "decompress the mesh: gltf-transform copy in.glb out.glb";
 
-pub(super) fn decode(path: &Path, bytes: &[u8], fetch: Fetch<'_>) -> Result<(Mesh, Soundness), Error> {
+pub(super) fn decode(path: &Path, bytes: &[u8], fetch: Fetch<'_>) -> Result<(Mesh, MeshDefects), Error> {
     guard::catching(path, "glTF", || {
         let (json, bin) = if bytes.starts_with(b"glTF") { split(path, bytes)? } else { (bytes, None) };
         let (document, compressed) = parse(path, json)?;
@@ -43,7 +43,7 @@ pub(super) fn decode(path: &Path, bytes: &[u8], fetch: Fetch<'_>) -> Result<(Mes
             Some(name) if e.kind() == Kind::Damaged => is_compressed(path, name),
             _ => e,
         })?;
-        let mut parts = Parts::new(path);
+        let mut parts = MeshBuilder::new(path);
         let scene = document.default_scene().or_else(|| document.scenes().next());
         let Some(scene) = scene else {
             return Err(Error::invalid(path, "has no scene", "export the scene with the object"));
@@ -210,7 +210,7 @@ impl<'a> Placed<'a> {
         Ok(Self { path, pose, weights: morph::weights(node), normals, mirrored: determinant < 0.0 })
     }
 
-    fn add(&self, primitive: &Primitive<'_>, buffers: &Buffers<'_>, parts: &mut Parts<'_>) -> Result<(), Error> {
+    fn add(&self, primitive: &Primitive<'_>, buffers: &Buffers<'_>, parts: &mut MeshBuilder<'_>) -> Result<(), Error> {
         let mode = primitive.mode();
         if !matches!(mode, Mode::Triangles | Mode::TriangleStrip | Mode::TriangleFan) {
             return Ok(());

@@ -7,7 +7,7 @@ use gltf::{Node, Primitive};
 
 use super::buffers::Buffers;
 use crate::Error;
-use crate::mesh::parts::Parts;
+use crate::mesh::parts::MeshBuilder;
 
 /// Returns the default weights of the morph targets of a node with a mesh.
 pub(super) fn weights<'a>(node: &Node<'a>) -> &'a [f32] {
@@ -33,7 +33,7 @@ impl Vertices {
         primitive: &Primitive<'_>,
         weights: &[f32],
         buffers: &Buffers<'_>,
-        parts: &mut Parts<'_>,
+        parts: &mut MeshBuilder<'_>,
     ) -> Result<(), Error> {
         if weights.iter().all(|weight| *weight == 0.0) {
             return Ok(());

@@ -2,13 +2,13 @@ use std::path::Path;
 
 use base64::Engine;
 use glam::DVec3;
-use gonio::shape::{Mesh, Soundness};
+use gonio::shape::{Mesh, MeshDefects};
 use serde_json::{Value, json};
 
 use crate::mesh::{decode, read_mesh};
 use crate::{Error, Kind};
 
-fn read(bytes: &[u8]) -> Result<(Mesh, Soundness), Error> {
+fn read(bytes: &[u8]) -> Result<(Mesh, MeshDefects), Error> {
     decode(Path::new("a.glb"), bytes)
 }
 
@@ -114,7 +114,7 @@ fn nodes_transform_and_mirror_their_meshes() {
         {"mesh": 0}
     ]);
     let (mesh, soundness) = read(&changed(&[("/nodes", nodes)])).unwrap();
-    assert_eq!((soundness.triangles, soundness.normals_against, soundness.normals_computed), (4, 0, false));
+    assert_eq!((soundness.triangles, soundness.inconsistent_normals, soundness.normals_computed), (4, 0, false));
     assert!((area(&mesh) - 6.0 * DVec3::Z).length() < 1e-12, "{}", area(&mesh));
     let (low, high) =
         mesh.positions().iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(l, h), p| (l.min(*p), h.max(*p)));
@@ -269,7 +269,7 @@ fn quantised_vectors_become_floats() {
         json["nodes"][0] = json!({"mesh": 0, "scale": [2, 2, 2], "translation": [10, 0, 0]});
         json["extensionsRequired"] = json!(["KHR_mesh_quantization", "KHR_texture_transform"]);
         let (mesh, soundness) = read(&glb(&json, &bin)).unwrap();
-        assert_eq!((soundness.triangles, soundness.normals_computed, soundness.normals_against), (2, false, 0));
+        assert_eq!((soundness.triangles, soundness.normals_computed, soundness.inconsistent_normals), (2, false, 0));
         let [one, low] = want.map(|v: f32| 2.0 * f64::from(v));
         let corners = [[low, low], [one, low], [one, one], [low, one]].map(|[x, y]| DVec3::new(10.0 + x, y, 0.0));
         assert_eq!(mesh.positions(), corners, "{kind}, {normalized}");

@@ -73,8 +73,8 @@ fn found(light: &LightGrid) -> Light {
         coefficients: Vec::new(),
         sd: Vec::new(),
         exposure: 1.0,
-        estimator: LightEstimator::CutOff,
-        rows: 0,
+        estimator: LightEstimator::Clamped,
+        observations: 0,
         objective: 0.0,
         effective: 0.0,
         trace: Vec::new(),
@@ -129,7 +129,7 @@ fn recovers_the_colours_of_the_light_and_keeps_its_luminance() {
     }
     assert!((off / all).sqrt() < 0.3, "{}", (off / all).sqrt());
     assert!(got.misfit < 0.02, "{}", got.misfit);
-    assert!(got.apart[0] > 0.1 && got.apart[1] < 0.05, "{:?}", got.apart);
+    assert!(got.chroma_residual[0] > 0.1 && got.chroma_residual[1] < 0.05, "{:?}", got.chroma_residual);
     assert_eq!(got.diagnostic(), None);
 }
 
@@ -138,13 +138,13 @@ fn warns_about_wrong_colours_but_not_about_noise() {
     let light = planted(natural);
     let seen = photograph(&table(), &green(), &light, 0.0);
     let grey = tint(&seen, &ChromaField::GREY, &light);
-    assert!(matches!(grey.diagnostic(), Some(Diagnostic::Colours(apart)) if apart > 0.3), "{:?}", grey.apart);
+    assert!(matches!(grey.diagnostic(), Some(Diagnostic::Colours(apart)) if apart > 0.3), "{:?}", grey.chroma_residual);
     // The coloured light explains the photograph nevertheless.
     assert!(grey.misfit < 0.06, "{}", grey.misfit);
     // Relative noise of 0.2 in each channel is a chroma difference of 0.34 in a single pixel. The
     // mean product over 450 pixels is zero, up to the square of 0.09.
     let noisy = tint(&photograph(&table(), &green(), &light, 0.2), &green(), &light);
-    assert!(noisy.apart[1] < 0.15 && noisy.diagnostic().is_none(), "{:?}", noisy.apart);
+    assert!(noisy.chroma_residual[1] < 0.15 && noisy.diagnostic().is_none(), "{:?}", noisy.chroma_residual);
 }
 
 #[test]
@@ -183,7 +183,8 @@ fn posterior_matches_the_closed_form_in_image_space() {
     let correlation = Mat::from_fn(count, count, prior);
     let mean = plain.iter().sum::<DVec3>() / plain.len() as f64;
     let size = 3 * plain.len();
-    let scale = |at: usize| (1.0 + FLOOR) / (error * (plain[at / 3][at % 3] + FLOOR * mean[at % 3]));
+    let scale =
+        |at: usize| (1.0 + BRIGHTNESS_FLOOR) / (error * (plain[at / 3][at % 3] + BRIGHTNESS_FLOOR * mean[at % 3]));
     let part = |axis: usize| {
         Mat::from_fn(size, count, |at, k| scale(at) * directions[axis][at % 3] * images.parts[at % 3][(k, at / 3)])
     };

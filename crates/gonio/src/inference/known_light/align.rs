@@ -5,18 +5,18 @@ use std::f64::consts::TAU;
 use glam::{DQuat, DVec3};
 
 use super::error_model::{CUT, median};
-use super::fit::{Fit, FitPrior, Image, State};
-use super::light::{GivenLight, Operator};
-use super::space::Space;
+use super::fit::{FitPrior, ImageModel, LaplaceFit, State};
+use super::light::{KnownLight, Operator};
+use super::space::ParameterSpace;
 use super::turn::propose;
-use super::{Alignment, COMPARED, KnownLightError, KnownLightPosterior, Materials, Rows, start};
+use super::{Alignment, COMPARED, KnownLightError, KnownLightPosterior, ObservedPoints, PriorMaterials, start};
 
 /// Largest number of successive rotations.
 const TURNS: usize = 4;
 
 /// Decrease of the cost (nats) and angle (radians; 0.2 degrees) above which a rotation is tried.
 /// The error of a correct light may suggest smaller ones.
-const WORTH: (f64, f64) = (10.0, 0.0035);
+const MIN_GAIN: (f64, f64) = (10.0, 0.0035);
 
 /// Largest ratio of the errors of the image after and before a rotation for which it is kept.
 const BETTER: f64 = 0.97;
@@ -28,7 +28,7 @@ const AROUND: (usize, usize) = (24, 2);
 struct Candidate {
     turn: DQuat,
     operator: Operator,
-    fit: Fit,
+    fit: LaplaceFit,
 }
 
 impl Candidate {
@@ -42,11 +42,11 @@ impl Candidate {
 
 /// Computes the posterior and the rotation of the light.
 pub(super) fn aligned(
-    rows: &Rows<'_>,
-    mut light: GivenLight,
+    rows: &ObservedPoints<'_>,
+    mut light: KnownLight,
     alignment: Alignment,
-    space: &Space,
-    materials: &Materials<'_>,
+    space: &ParameterSpace,
+    materials: &PriorMaterials<'_>,
 ) -> Result<KnownLightPosterior, KnownLightError> {
     let turns = match alignment {
         Alignment::Fixed | Alignment::Near => vec![DQuat::IDENTITY],
@@ -63,12 +63,12 @@ pub(super) fn aligned(
         }
     }
     let Some(Candidate { turn, operator, fit }) = best else { return Err(KnownLightError::Unsolvable) };
-    let image = Image::of(&operator, rows, space, FitPrior::MATERIAL)?;
+    let image = ImageModel::of(&operator, rows, space, FitPrior::MATERIAL)?;
     Ok(KnownLightPosterior::found(&image, fit, rows, space, turn))
 }
 
 /// Returns the rotations about the vertical under which a material of the prior fits best.
-fn around(rows: &Rows<'_>, light: &mut GivenLight, materials: &Materials<'_>) -> Vec<DQuat> {
+fn around(rows: &ObservedPoints<'_>, light: &mut KnownLight, materials: &PriorMaterials<'_>) -> Vec<DQuat> {
     let total = rows.values.len();
     let some: Vec<usize> = (0..total).step_by(total.div_ceil(COMPARED)).collect();
     let points: Vec<_> = some.iter().map(|&at| rows.points[at]).collect();
@@ -77,7 +77,7 @@ fn around(rows: &Rows<'_>, light: &mut GivenLight, materials: &Materials<'_>) ->
     let mut scored = Vec::new();
     for step in 0..AROUND.0 {
         let turn = DQuat::from_rotation_y(TAU * step as f64 / AROUND.0 as f64);
-        light.turn_to(turn);
+        light.set_rotation(turn);
         let operator = Operator::of(&points, visibility.as_ref(), light, materials);
         scored.push((start(&operator, &values, materials).deviation, turn));
     }
@@ -91,15 +91,15 @@ impl Candidate {
     /// The fit starts from a state or from the best material of the prior.
     fn at(
         turn: DQuat,
-        light: &mut GivenLight,
-        rows: &Rows<'_>,
-        space: &Space,
-        materials: &Materials<'_>,
+        light: &mut KnownLight,
+        rows: &ObservedPoints<'_>,
+        space: &ParameterSpace,
+        materials: &PriorMaterials<'_>,
         from: Option<&State>,
     ) -> Result<Self, KnownLightError> {
-        light.turn_to(turn);
+        light.set_rotation(turn);
         let operator = Operator::of(rows.points, rows.visibility, light, materials);
-        let mut image = Image::of(&operator, rows, space, FitPrior::MATERIAL)?;
+        let mut image = ImageModel::of(&operator, rows, space, FitPrior::MATERIAL)?;
         let state = match from {
             Some(state) => image.state(state.coefficients.clone()),
             None => start(&operator, rows.values, materials).state(&image),
@@ -113,10 +113,10 @@ impl Candidate {
     /// The prior favours small rotations relative to the initial one.
     fn refined(
         mut self,
-        light: &mut GivenLight,
-        rows: &Rows<'_>,
-        space: &Space,
-        materials: &Materials<'_>,
+        light: &mut KnownLight,
+        rows: &ObservedPoints<'_>,
+        space: &ParameterSpace,
+        materials: &PriorMaterials<'_>,
     ) -> Result<Self, KnownLightError> {
         let origin = self.turn;
         for _ in 0..TURNS {
@@ -135,14 +135,14 @@ impl Candidate {
     /// Returns the next rotation, if its expected gain is large enough.
     fn proposal(
         &self,
-        light: &GivenLight,
-        rows: &Rows<'_>,
-        space: &Space,
+        light: &KnownLight,
+        rows: &ObservedPoints<'_>,
+        space: &ParameterSpace,
         made: DVec3,
     ) -> Result<Option<DVec3>, KnownLightError> {
-        let image = Image::of(&self.operator, rows, space, FitPrior::MATERIAL)?;
+        let image = ImageModel::of(&self.operator, rows, space, FitPrior::MATERIAL)?;
         let table = space.table(&self.fit.state.coefficients);
         let proposal = propose((&image, &self.fit), rows, light, &table, made);
-        Ok(proposal.filter(|p| p.worth > WORTH.0 && p.turn.length() > WORTH.1).map(|p| p.turn))
+        Ok(proposal.filter(|p| p.gain > MIN_GAIN.0 && p.rotation.length() > MIN_GAIN.1).map(|p| p.rotation))
     }
 }

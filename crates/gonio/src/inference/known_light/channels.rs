@@ -15,10 +15,10 @@ use rand_distr::{ChiSquared, Distribution, StandardNormal};
 use rand_pcg::Pcg64;
 use rayon::prelude::*;
 
-use super::fit::{Fit, FitPrior, Image};
-use super::light::{GivenLight, Operator};
-use super::space::Space;
-use super::{KnownLightError, KnownLightPosterior, Materials, Rows};
+use super::fit::{FitPrior, ImageModel, LaplaceFit};
+use super::light::{KnownLight, Operator};
+use super::space::ParameterSpace;
+use super::{KnownLightError, KnownLightPosterior, ObservedPoints, PriorMaterials};
 use crate::colour::{ChromaField, ColourModel, DRAW_FREEDOM, DRAW_INFLATION};
 use crate::reflectance::BivariateTable;
 
@@ -45,15 +45,15 @@ const COLOUR_CHANGE: f64 = 0.01;
 /// Posterior of the three channels of a material relative to its luminance.
 #[derive(Clone, Debug)]
 pub struct ChannelPosterior {
-    space: Space,
-    fits: Vec<Fit>,
+    space: ParameterSpace,
+    fits: Vec<LaplaceFit>,
     /// Root mean square residual of each channel, relative to the photograph.
     pub misfit: [f64; 3],
 }
 
 /// Colour observations under a given light.
 struct ColouredRows<'a> {
-    rows: &'a Rows<'a>,
+    rows: &'a ObservedPoints<'a>,
     colours: &'a [DVec3],
     operators: [Operator; 3],
     /// Axes of the differences of channels.
@@ -74,15 +74,15 @@ impl KnownLightPosterior {
     /// If the numbers of rows differ.
     pub fn with_channels(
         self,
-        rows: &Rows<'_>,
+        rows: &ObservedPoints<'_>,
         colours: &[DVec3],
-        light: &GivenLight,
-        materials: &Materials<'_>,
+        light: &KnownLight,
+        materials: &PriorMaterials<'_>,
         prior: &ColourModel,
     ) -> Result<(Self, ChannelPosterior), KnownLightError> {
         assert!(colours.len() == rows.values.len() && colours.len() == self.predicted.len());
         let gain = self.gain.map_or(1.0, |(gain, _)| gain);
-        let light = light.clone().turned(self.turn);
+        let light = light.clone().rotated(self.rotation);
         let operators = Operator::of_channels(rows.points, rows.visibility, (&light, gain), materials);
         let all = ColouredRows { rows, colours, operators, axes: prior.axes(materials.coordinates()) };
         let channels = all.channels(&self.table(), &self.predicted)?;
@@ -94,10 +94,10 @@ impl KnownLightPosterior {
         if change.sqrt() < COLOUR_CHANGE {
             return Ok((self, channels));
         }
-        let mut image = Image::of(&whole, rows, &self.space, FitPrior::MATERIAL)?;
+        let mut image = ImageModel::of(&whole, rows, &self.space, FitPrior::MATERIAL)?;
         let state = image.state(self.coefficients[..self.space.len()].to_vec());
         let fit = image.fit_to(rows, state)?;
-        let anew = Self { gain: self.gain, ..Self::found(&image, fit, rows, &self.space, self.turn) };
+        let anew = Self { gain: self.gain, ..Self::found(&image, fit, rows, &self.space, self.rotation) };
         let channels = all.channels(&anew.table(), &anew.predicted)?;
         Ok((anew, channels))
     }
@@ -111,16 +111,17 @@ impl ColouredRows<'_> {
         let some: Vec<usize> = (0..total).step_by(total.div_ceil(CHANNEL_ROWS)).collect();
         let points: Vec<_> = some.iter().map(|&at| rows.points[at]).collect();
         let visibility = rows.visibility.map(|visibility| visibility.select(&some));
-        let trust: Vec<f64> = some.iter().map(|&at| rows.trust[at]).collect();
+        let trust: Vec<f64> = some.iter().map(|&at| rows.weights[at]).collect();
         let mean: Vec<f32> = table.as_slice().iter().map(|value| value.max(1e-12).ln()).collect();
-        let space = Space::around(&mean, axes);
+        let space = ParameterSpace::around(&mean, axes);
         let floor = RESIDUAL_FLOOR * rows.values.iter().sum::<f64>() / total as f64;
         let common = |at: usize| (predicted[at] + floor) / (rows.values[at] + floor);
-        let one = |c: usize| -> Result<(Fit, f64), KnownLightError> {
+        let one = |c: usize| -> Result<(LaplaceFit, f64), KnownLightError> {
             let operator = operators[c].select(&some);
             let values: Vec<f64> = some.iter().map(|&at| colours[at][c].max(0.0) * common(at)).collect();
-            let rows = Rows { points: &points, visibility: visibility.as_ref(), values: &values, trust: &trust };
-            let mut image = Image::of(&operator, &rows, &space, CHANNEL)?;
+            let rows =
+                ObservedPoints { points: &points, visibility: visibility.as_ref(), values: &values, weights: &trust };
+            let mut image = ImageModel::of(&operator, &rows, &space, CHANNEL)?;
             let state = image.start(&vec![0.0; space.dimensions], 1.0);
             let fit = image.fit_to(&rows, state)?;
             let square = |values: &mut dyn Iterator<Item = f64>| values.map(|v| v * v).sum::<f64>();
@@ -128,7 +129,7 @@ impl ColouredRows<'_> {
             let misfit = (left / square(&mut values.iter().copied()).max(f64::MIN_POSITIVE)).sqrt();
             Ok((fit, misfit))
         };
-        let found: Vec<(Fit, f64)> = [0, 1, 2].into_par_iter().map(one).collect::<Result<_, _>>()?;
+        let found: Vec<(LaplaceFit, f64)> = [0, 1, 2].into_par_iter().map(one).collect::<Result<_, _>>()?;
         let misfit = [found[0].1, found[1].1, found[2].1];
         Ok(ChannelPosterior { space, fits: found.into_iter().map(|(fit, _)| fit).collect(), misfit })
     }
@@ -160,7 +161,7 @@ impl ChannelPosterior {
         white.par_iter().map(draw).collect()
     }
 
-    fn at(&self, coefficients: impl Fn(&Fit, usize) -> Vec<f64>) -> ChromaField {
+    fn at(&self, coefficients: impl Fn(&LaplaceFit, usize) -> Vec<f64>) -> ChromaField {
         ChromaField::of_logs(std::array::from_fn(|c| {
             let change = self.space.change(&coefficients(&self.fits[c], c));
             change.into_iter().map(|log| log as f32).collect()

@@ -11,7 +11,7 @@ use crate::linalg::eigenvectors;
 const LENGTH: f64 = 0.38;
 
 /// Smallest standard deviation of the noise.
-const LEAST_NOISE: f64 = 0.005;
+const MIN_NOISE: f64 = 0.005;
 
 /// Ratio of successive candidate standard deviations, and their number.
 const LADDER: (f64, usize) = (1.25, 22);
@@ -82,7 +82,7 @@ impl ErrorModel {
     pub(super) fn estimate(&mut self, residuals: &[f64]) {
         let n = residuals.len();
         let sample: Vec<usize> = (0..n).step_by(n.div_ceil(SAMPLE).max(1)).collect();
-        let cut = CUT * median(residuals.iter().map(|r| r.abs()).collect()).max(LEAST_NOISE);
+        let cut = CUT * median(residuals.iter().map(|r| r.abs()).collect()).max(MIN_NOISE);
         let m = sample.len();
         let correlation = Mat::from_fn(m, m, |i, j| self.correlation[(sample[i], sample[j])]);
         let (values, vectors) = eigenvectors(correlation.as_ref());
@@ -95,7 +95,7 @@ impl ErrorModel {
             values.iter().zip(&squares).map(|(value, x)| x / variance(value) + variance(value).ln()).sum()
         };
         let ladder = |least: f64| (0..LADDER.1).map(move |i| least * LADDER.0.powi(i as i32));
-        let pairs = ladder(LEAST_NOISE).flat_map(|noise| ladder(self.least_discrepancy).map(move |d| (noise, d)));
+        let pairs = ladder(MIN_NOISE).flat_map(|noise| ladder(self.least_discrepancy).map(move |d| (noise, d)));
         let best = pairs.min_by(|a, b| cost(a.0, a.1).total_cmp(&cost(b.0, b.1)));
         (self.noise, self.discrepancy) = best.expect("the ladder is not empty");
     }

@@ -8,8 +8,8 @@ use rayon::prelude::*;
 
 use super::error_model::{ErrorModel, median};
 use super::light::Operator;
-use super::space::Space;
-use super::{KnownLightError, Rows};
+use super::space::ParameterSpace;
+use super::{KnownLightError, ObservedPoints};
 use crate::inference::light::Cholesky;
 use crate::reflectance::CELLS;
 
@@ -18,17 +18,17 @@ use crate::reflectance::CELLS;
 const ROUNDS: usize = 4;
 
 /// Largest number of steps of each round.
-const STEPS: usize = 25;
+const ROUND_STEPS: usize = 25;
 
 /// Decrease of the cost, in nats, below which a round ends.
 const SETTLED: f64 = 0.01;
 
 /// Largest change of the logarithm of reflectance in one step.
-const LARGEST_STEP: f64 = 3.0;
+const MAX_STEP: f64 = 3.0;
 
 /// Share of the mean value that is added to values before taking logarithms, since camera noise
 /// dominates dark pixels.
-const FLOOR: f64 = 0.01;
+const LOG_FLOOR: f64 = 0.01;
 
 /// Prior standard deviation of the logarithm of the ratio of the true radiance of clipped pixels to
 /// that in the map. Half a stop is common; up to five stops occur.
@@ -65,11 +65,11 @@ impl FitPrior {
 ///
 /// `I_i = sum_c (R_ic + g S_ic) F_c`, where `S` is the matrix of the clipped pixels of the light,
 /// and `R` that of the others. The last coefficient is `ln g` if the light has clipped pixels.
-pub(super) struct Image<'a> {
+pub(super) struct ImageModel<'a> {
     operator: &'a Operator,
     logs: Vec<f64>,
     floor: f64,
-    space: &'a Space,
+    space: &'a ParameterSpace,
     prior: FitPrior,
     precisions: Vec<f64>,
 }
@@ -85,7 +85,7 @@ pub(super) struct State {
 
 /// Result of a fit.
 #[derive(Clone, Debug)]
-pub(super) struct Fit {
+pub(super) struct LaplaceFit {
     pub(super) state: State,
     /// Factor of the inverse covariance of the coefficients.
     pub(super) curvature: Cholesky,
@@ -95,22 +95,22 @@ pub(super) struct Fit {
     /// Costs of each round: before its first step, then after every step.
     #[cfg(test)]
     pub(super) trace: Vec<Vec<f64>>,
-    pub(super) settled: bool,
+    pub(super) converged: bool,
 }
 
-impl<'a> Image<'a> {
+impl<'a> ImageModel<'a> {
     /// Builds the log image of the observed rows.
     ///
     /// # Errors
     /// If the light or the photograph is black.
     pub(super) fn of(
         operator: &'a Operator,
-        rows: &Rows<'_>,
-        space: &'a Space,
+        rows: &ObservedPoints<'_>,
+        space: &'a ParameterSpace,
         prior: FitPrior,
     ) -> Result<Self, KnownLightError> {
         let count = operator.len();
-        assert!(count == rows.points.len() && count == rows.values.len() && count == rows.trust.len());
+        assert!(count == rows.points.len() && count == rows.values.len() && count == rows.weights.len());
         if operator.apply(&vec![1.0; CELLS], 1.0).into_iter().all(|v| v <= 0.0) {
             return Err(KnownLightError::Dark);
         }
@@ -121,8 +121,8 @@ impl<'a> Image<'a> {
     }
 
     /// Builds the image of values, at least one of them positive, under a light that is not black.
-    fn new(operator: &'a Operator, values: &[f64], space: &'a Space, prior: FitPrior) -> Self {
-        let floor = FLOOR * values.iter().sum::<f64>() / values.len() as f64;
+    fn new(operator: &'a Operator, values: &[f64], space: &'a ParameterSpace, prior: FitPrior) -> Self {
+        let floor = LOG_FLOOR * values.iter().sum::<f64>() / values.len() as f64;
         let logs = values.iter().map(|v| (v.max(0.0) + floor).ln()).collect();
         let mut image = Self { operator, logs, floor, space, prior, precisions: Vec::new() };
         image.expect(prior.deviation, 1.0);
@@ -211,7 +211,7 @@ impl<'a> Image<'a> {
     ///
     /// # Errors
     /// If the equations have no solution.
-    pub(super) fn fit_to(&mut self, rows: &Rows<'_>, start: State) -> Result<Fit, KnownLightError> {
+    pub(super) fn fit_to(&mut self, rows: &ObservedPoints<'_>, start: State) -> Result<LaplaceFit, KnownLightError> {
         let errors = ErrorModel::new(&rows.normals(), rows.trusts(), self.prior.least_discrepancy);
         self.fit(start, errors).ok_or(KnownLightError::Unsolvable)
     }
@@ -219,30 +219,30 @@ impl<'a> Image<'a> {
     /// Descends from a state; `None` if the equations have no solution.
     ///
     /// The equations of finite images always have one.
-    fn fit(&mut self, start: State, mut errors: ErrorModel) -> Option<Fit> {
+    fn fit(&mut self, start: State, mut errors: ErrorModel) -> Option<LaplaceFit> {
         let mut state = start;
         #[cfg(test)]
         let mut trace = Vec::new();
-        let (mut settled, mut curvature, mut deviation) = (false, None, self.prior.deviation);
+        let (mut converged, mut curvature, mut deviation) = (false, None, self.prior.deviation);
         for _ in 0..ROUNDS {
             errors.estimate(&state.residuals);
             errors.reweigh(&state.residuals, &errors.factor()?);
             let covariance = errors.factor()?;
             let mut costs = vec![self.cost(&state, &covariance)];
             let mut damping = 1e-3;
-            settled = false;
-            for _ in 0..STEPS {
+            converged = false;
+            for _ in 0..ROUND_STEPS {
                 let (normal, gradient) = self.equations(&state, &covariance);
                 let before = costs[costs.len() - 1];
                 let Some((next, cost)) = self.step(&state, &normal, &gradient, &covariance, before, &mut damping)
                 else {
-                    settled = true;
+                    converged = true;
                     break;
                 };
                 state = next;
                 costs.push(cost);
                 if before - cost < SETTLED {
-                    settled = true;
+                    converged = true;
                     break;
                 }
             }
@@ -257,14 +257,14 @@ impl<'a> Image<'a> {
             self.expect(splines, axes);
             curvature = Some(found);
         }
-        Some(Fit {
+        Some(LaplaceFit {
             state,
             curvature: curvature?,
             errors,
             deviation,
             #[cfg(test)]
             trace,
-            settled,
+            converged,
         })
     }
 
@@ -306,7 +306,7 @@ impl<'a> Image<'a> {
                 let step = factor.solve(gradient);
                 let of_gain = step.get(self.space.len()).map_or(0.0, |x| x.abs());
                 let largest = self.space.change(&step).into_iter().fold(of_gain, |m: f64, x| m.max(x.abs()));
-                let scale = (LARGEST_STEP / largest).min(1.0);
+                let scale = (MAX_STEP / largest).min(1.0);
                 let next = state.coefficients.iter().zip(&step).map(|(x, d)| x + scale * d).collect();
                 let next = self.state(next);
                 let cost = self.cost(&next, covariance);
@@ -367,13 +367,13 @@ mod tests {
     fn derivatives_agree_with_finite_differences() {
         let points = ball(60);
         let operator = under(&points, &light_map(3));
-        let space = Space::new(&WORLD.coordinates);
+        let space = ParameterSpace::new(&WORLD.latent_space);
         let size = space.len() + usize::from(operator.clips());
-        let mut truth = space.at(&WORLD.places[2]);
+        let mut truth = space.at(&WORLD.coordinates[2]);
         truth.resize(size, 1.0);
         let truth = moved(&truth, &normals(size, 0.1, 1), 1.0);
         let values = operator.apply(&space.values(&truth), truth[space.len()].exp());
-        let image = Image::new(&operator, &values, &space, FitPrior::MATERIAL);
+        let image = ImageModel::new(&operator, &values, &space, FitPrior::MATERIAL);
         let normals_of_points: Vec<_> = points.iter().map(|p| p.in_view()).collect();
         let covariance = ErrorModel::new(&normals_of_points, vec![1.0; points.len()], 0.045).factor().unwrap();
         let elsewhere = image.state(moved(&truth, &normals(size, 0.05, 2), 1.0));
@@ -414,16 +414,16 @@ mod tests {
     fn the_cost_never_rises() {
         let points = ball(150);
         let operator = under(&points, &light_map(3));
-        let space = Space::new(&WORLD.coordinates);
+        let space = ParameterSpace::new(&WORLD.latent_space);
         let noise = normals(points.len(), 0.05, 9);
         let truth: Vec<f64> = WORLD.table(&WORLD.entries[1]).as_slice().iter().map(|v| f64::from(*v)).collect();
         let clean = operator.apply(&truth, 1.0);
         let values: Vec<f64> = clean.iter().zip(&noise).map(|(v, n)| v * n.exp()).collect();
-        let mut image = Image::new(&operator, &values, &space, FitPrior::MATERIAL);
-        let start = image.start(&WORLD.places[4], 1.0);
+        let mut image = ImageModel::new(&operator, &values, &space, FitPrior::MATERIAL);
+        let start = image.start(&WORLD.coordinates[4], 1.0);
         let normals_of_points: Vec<_> = points.iter().map(|p| p.in_view()).collect();
         let found = image.fit(start, ErrorModel::new(&normals_of_points, vec![1.0; points.len()], 0.045)).unwrap();
-        assert!(found.settled && found.trace.len() == ROUNDS);
+        assert!(found.converged && found.trace.len() == ROUNDS);
         for costs in &found.trace {
             assert!(costs.windows(2).all(|pair| pair[1] < pair[0]), "{costs:?}");
         }

@@ -7,10 +7,10 @@ use rand_pcg::Pcg64;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::hint::Hint;
-use super::space::Space;
+use super::hint::EncoderLikelihood;
+use super::space::ParameterSpace;
 use crate::inference::light::Cholesky;
-use crate::reflectance::{BivariateTable, Coordinates};
+use crate::reflectance::{BivariateTable, LatentSpace};
 
 /// Gaussian posterior of the coefficients of the logarithm of reflectance: first those of the
 /// principal axes of the prior, of unit variance a priori, then those of splines.
@@ -40,9 +40,9 @@ impl Gaussian {
     }
 
     /// Whether the number of coefficients matches `coordinates`, and all numbers are valid.
-    pub(crate) fn is_of(&self, coordinates: &Coordinates) -> bool {
+    pub(crate) fn is_of(&self, coordinates: &LatentSpace) -> bool {
         let n = self.mean.len();
-        n == Space::free(coordinates.axes.len())
+        n == ParameterSpace::free(coordinates.axes.len())
             && self.precision.len() == n * (n + 1) / 2
             && self.deviation > 0.0
             && self.mean.iter().chain(&self.precision).all(|v| v.is_finite())
@@ -67,7 +67,7 @@ impl Gaussian {
     }
 
     fn axes(&self) -> usize {
-        self.mean.len() - Space::free(0)
+        self.mean.len() - ParameterSpace::free(0)
     }
 
     /// Returns inverse covariance, and its product with the mean, of all likelihoods and one prior.
@@ -90,7 +90,7 @@ impl Gaussian {
     ///
     /// # Panics
     /// If the hint has another number of axes.
-    pub(crate) fn informed_by(&self, hint: &Hint) -> Option<Self> {
+    pub(crate) fn informed_by(&self, hint: &EncoderLikelihood) -> Option<Self> {
         assert_eq!(hint.vector.len(), self.axes());
         let mut precision = self.matrix();
         let mut information = times(&precision, &self.mean);
@@ -124,8 +124,8 @@ impl Gaussian {
     }
 
     /// Returns the most probable table, with a normal albedo of one.
-    pub(crate) fn table(&self, coordinates: &Coordinates) -> BivariateTable {
-        Space::new(coordinates).table(&self.whole(&self.mean)).with_normal_albedo(1.0).0
+    pub(crate) fn table(&self, coordinates: &LatentSpace) -> BivariateTable {
+        ParameterSpace::new(coordinates).table(&self.whole(&self.mean)).with_normal_albedo(1.0).0
     }
 
     /// Returns the mean in the coordinates of the prior.
@@ -136,8 +136,8 @@ impl Gaussian {
     /// Draws tables with a normal albedo of one; the same seed gives the same draws.
     ///
     /// Returns `None` if the inverse covariance is not positive definite.
-    pub(crate) fn draws(&self, coordinates: &Coordinates, count: usize, seed: u64) -> Option<Vec<BivariateTable>> {
-        let (space, factor) = (Space::new(coordinates), Cholesky::new(self.matrix())?);
+    pub(crate) fn draws(&self, coordinates: &LatentSpace, count: usize, seed: u64) -> Option<Vec<BivariateTable>> {
+        let (space, factor) = (ParameterSpace::new(coordinates), Cholesky::new(self.matrix())?);
         let mut rng = Pcg64::seed_from_u64(seed);
         let white: Vec<Vec<f64>> =
             (0..count).map(|_| self.mean.iter().map(|_| StandardNormal.sample(&mut rng)).collect()).collect();
@@ -171,7 +171,7 @@ mod tests {
 
     /// A Gaussian posterior with the likelihood `N(mean; precision)` on the first axis alone.
     fn seen(count: usize, mean: f64, precision: f64) -> Gaussian {
-        let n = Space::free(count);
+        let n = ParameterSpace::free(count);
         let own = Mat::from_fn(n, n, |i, j| match (i == j, i) {
             (false, _) => 0.0,
             (true, 0) => 1.0 + precision,
@@ -200,7 +200,7 @@ mod tests {
     #[test]
     fn a_hint_acts_as_a_likelihood() {
         let information = Mat::from_fn(3, 3, |i, j| if i == 0 && j == 0 { 5.0 } else { 0.0 });
-        let hint = Hint { information, vector: vec![5.0 * 2.0, 0.0, 0.0] };
+        let hint = EncoderLikelihood { information, vector: vec![5.0 * 2.0, 0.0, 0.0] };
         let (a, b) = (seen(3, 1.0, 4.0), seen(3, 2.0, 5.0));
         let (informed, both) = (a.informed_by(&hint).unwrap(), Gaussian::product(&[&a, &b]).unwrap());
         let same = |a: &[f64], b: &[f64]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-9);

@@ -19,26 +19,26 @@ const POWER: f64 = 0.5;
 
 /// Variance that is added to each coordinate. The weights of a finite number of materials can
 /// concentrate on one of them, although the coordinates are less certain.
-const LEAST_VARIANCE: f64 = 0.02;
+const MIN_VARIANCE: f64 = 0.02;
 
 /// Gaussian likelihood of the coordinates of a material, up to a constant:
 /// `exp(b' z - z' A z / 2)`.
 #[derive(Clone, Debug)]
-pub(crate) struct Hint {
+pub(crate) struct EncoderLikelihood {
     /// `A`, positive semidefinite.
     pub(super) information: Mat<f64>,
     /// `b`.
     pub(super) vector: Vec<f64>,
 }
 
-impl Hint {
+impl EncoderLikelihood {
     /// Computes the likelihood from an embedding of the photograph.
     ///
     /// It is the Gaussian that converts the moments of the prior to those of the posterior. Where
     /// the posterior is wider than the prior, it moves only the mean. Returns `None` if numbers are
     /// not finite.
     pub(crate) fn of(learnt: &LearntPosterior, embedding: &[f32]) -> Option<Self> {
-        Self::of_weights(&learnt.prior.places, &learnt.prior.weights(embedding))
+        Self::of_weights(&learnt.prior.coordinates, &learnt.prior.weights(embedding))
     }
 
     fn of_weights(places: &[Vec<f32>], weights: &[f64]) -> Option<Self> {
@@ -61,7 +61,7 @@ fn natural(places: &[Vec<f32>], weights: &[f64]) -> Option<(Mat<f64>, Vec<f64>)>
     }
     let off = Mat::from_fn(places.len(), n, |i, k| (weights[i] / total).sqrt() * (f64::from(places[i][k]) - mean[k]));
     let mut covariance = off.transpose() * &off;
-    (0..n).for_each(|k| covariance[(k, k)] += LEAST_VARIANCE);
+    (0..n).for_each(|k| covariance[(k, k)] += MIN_VARIANCE);
     let inverse = Cholesky::new(covariance)?.inverse_of_lower();
     let precision = inverse.transpose() * &inverse;
     let vector = times(&precision, &mean);
@@ -89,7 +89,7 @@ mod tests {
             let off = (0..3).map(|k| ((f64::from(place[k]) - at[k]) / deviations[k]).powi(2));
             (-0.5 * off.sum::<f64>()).exp()
         };
-        let hint = Hint::of_weights(&places, &places.iter().map(weight).collect::<Vec<f64>>()).unwrap();
+        let hint = EncoderLikelihood::of_weights(&places, &places.iter().map(weight).collect::<Vec<f64>>()).unwrap();
         for k in 0..3 {
             let want = POWER / deviations[k].powi(2);
             let found = hint.information[(k, k)];
@@ -101,7 +101,7 @@ mod tests {
     /// Equal weights contain no information.
     #[test]
     fn equal_weights_give_an_empty_hint() {
-        let hint = Hint::of_weights(&places(500), &[0.7; 500]).unwrap();
+        let hint = EncoderLikelihood::of_weights(&places(500), &[0.7; 500]).unwrap();
         assert!((0..9).all(|i| hint.information[(i / 3, i % 3)].abs() < 1e-9));
         assert!(hint.vector.iter().all(|b| b.abs() < 1e-9));
     }

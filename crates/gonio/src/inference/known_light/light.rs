@@ -2,7 +2,7 @@
 
 use glam::{DQuat, Vec3};
 
-use super::{ACCURACY, Materials};
+use super::{ACCURACY, PriorMaterials};
 use crate::colour::{ChromaField, luminance_weights};
 use crate::lighting::EnvironmentMap;
 use crate::picture::Plane;
@@ -24,12 +24,12 @@ const ROWS: usize = 1024;
 ///
 /// The true radiance of clipped pixels is at least that in the map.
 #[derive(Clone, Debug)]
-pub struct GivenLight {
+pub struct KnownLight {
     rest: LightTree,
     clipped: Option<LightTree>,
 }
 
-impl GivenLight {
+impl KnownLight {
     /// Creates the light from a map in camera space, averaged to at most 1,024 rows.
     pub fn of_map(map: &EnvironmentMap) -> Self {
         let map = map.reduced(ROWS);
@@ -53,14 +53,14 @@ impl GivenLight {
 
     /// Returns the light rotated relative to the map, in place of an earlier rotation.
     #[must_use]
-    pub fn turned(mut self, turn: DQuat) -> Self {
-        self.turn_to(turn);
+    pub fn rotated(mut self, turn: DQuat) -> Self {
+        self.set_rotation(turn);
         self
     }
 
-    pub(super) fn turn_to(&mut self, turn: DQuat) {
-        self.rest.turn_to(turn);
-        self.clipped.iter_mut().for_each(|tree| tree.turn_to(turn));
+    pub(super) fn set_rotation(&mut self, turn: DQuat) {
+        self.rest.set_rotation(turn);
+        self.clipped.iter_mut().for_each(|tree| tree.set_rotation(turn));
     }
 
     /// Returns the parts with their factors, for clipped pixels `gain` times as bright.
@@ -100,8 +100,8 @@ impl Operator {
     pub fn of(
         points: &[SurfacePoint],
         visibility: Option<&Visibility>,
-        light: &GivenLight,
-        materials: &Materials<'_>,
+        light: &KnownLight,
+        materials: &PriorMaterials<'_>,
     ) -> Self {
         let part = |tree: &LightTree| Relighter::within(points, visibility, &materials.examples, tree, &ACCURACY);
         Self { rest: part(&light.rest), clipped: light.clipped.as_ref().map(part) }
@@ -112,8 +112,8 @@ impl Operator {
     pub(super) fn of_channels(
         points: &[SurfacePoint],
         visibility: Option<&Visibility>,
-        (light, gain): (&GivenLight, f64),
-        materials: &Materials<'_>,
+        (light, gain): (&KnownLight, f64),
+        materials: &PriorMaterials<'_>,
     ) -> [Self; 3] {
         let part = |tree| Relighter::channels_within(points, visibility, &materials.examples, tree, &ACCURACY);
         let rest = part(&light.rest);

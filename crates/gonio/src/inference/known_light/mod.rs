@@ -32,16 +32,16 @@ use rayon::prelude::*;
 use thiserror::Error;
 
 use crate::inference::light::Cholesky;
-use crate::reflectance::{BivariateTable, Coordinates};
+use crate::reflectance::{BivariateTable, LatentSpace};
 use crate::render::IntegratorSettings;
 use crate::shape::{SurfacePoint, Visibility};
 pub use channels::ChannelPosterior;
 use error_model::median;
-use fit::{Fit, FitPrior, Image, State};
+use fit::{FitPrior, ImageModel, LaplaceFit, State};
 pub use gaussian::Gaussian;
-pub(crate) use hint::Hint;
-pub use light::{GivenLight, Operator, clipped};
-use space::Space;
+pub(crate) use hint::EncoderLikelihood;
+pub use light::{KnownLight, Operator, clipped};
+use space::ParameterSpace;
 
 /// Largest number of materials of the prior that are compared for the start.
 const STARTS: usize = 1000;
@@ -66,19 +66,19 @@ const ACCURACY: IntegratorSettings = IntegratorSettings { tolerance: 0.3, max_ce
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 pub enum KnownLightError {
     /// No light of the map reaches the object.
-    #[error("the light given leaves the object dark")]
+    #[error("the light map does not illuminate the object; check the orientation of the map")]
     Dark,
     /// The photograph is black.
-    #[error("the photograph is black where the object is")]
+    #[error("the object is black in the photograph; check the exposure and the mask")]
     Black,
     /// The equations have no solution.
-    #[error("the photograph and the light given do not go together: no material was found")]
+    #[error("no material explains the photograph under this light; check that the light map is correct")]
     Unsolvable,
 }
 
 /// The observations of a photograph, one for each point.
 #[derive(Clone, Copy, Debug)]
-pub struct Rows<'a> {
+pub struct ObservedPoints<'a> {
     /// Normals and views.
     pub points: &'a [SurfacePoint],
     /// Visible part of the light for each point.
@@ -86,7 +86,7 @@ pub struct Rows<'a> {
     /// Luminance, positive and linear.
     pub values: &'a [f64],
     /// Inverse variance of each value relative to the others, in 0..=1.
-    pub trust: &'a [f64],
+    pub weights: &'a [f64],
 }
 
 /// Rotations of the light map that are searched.
@@ -103,8 +103,8 @@ pub enum Alignment {
 
 /// Materials that a photograph is compared with, computed once for all lights.
 #[derive(Clone, Debug)]
-pub struct Materials<'a> {
-    coordinates: &'a Coordinates,
+pub struct PriorMaterials<'a> {
+    latent_space: &'a LatentSpace,
     /// Candidates for the start: their coordinates and tables.
     starts: Vec<Vec<f64>>,
     tables: Vec<BivariateTable>,
@@ -112,30 +112,30 @@ pub struct Materials<'a> {
     examples: Vec<BivariateTable>,
 }
 
-impl<'a> Materials<'a> {
+impl<'a> PriorMaterials<'a> {
     /// Selects from materials of the prior, given by their coordinates.
     ///
     /// # Panics
     /// If there are no materials.
-    pub fn of(coordinates: &'a Coordinates, places: &[Vec<f64>]) -> Self {
+    pub fn of(coordinates: &'a LatentSpace, places: &[Vec<f64>]) -> Self {
         assert!(!places.is_empty(), "at least one material is required");
         let some =
             |most: usize| -> Vec<Vec<f64>> { places.iter().step_by(places.len().div_ceil(most)).cloned().collect() };
         let starts = some(STARTS);
         let (tables, examples) = (coordinates.tables(&starts), coordinates.tables(&some(EXAMPLES)));
-        Self { coordinates, starts, tables, examples }
+        Self { latent_space: coordinates, starts, tables, examples }
     }
 
     /// Returns the coordinates of the prior.
-    pub(super) fn coordinates(&self) -> &'a Coordinates {
-        self.coordinates
+    pub(super) fn coordinates(&self) -> &'a LatentSpace {
+        self.latent_space
     }
 }
 
 /// Posterior of the material under a known light.
 #[derive(Clone, Debug)]
 pub struct KnownLightPosterior {
-    space: Space,
+    space: ParameterSpace,
     coefficients: Vec<f64>,
     curvature: Cholesky,
     /// Standard deviation of the independent error of the logarithm of the image: noise, texture,
@@ -150,12 +150,12 @@ pub struct KnownLightPosterior {
     /// Standard deviation of the coefficients of splines a priori.
     deviation: f64,
     /// Rotation from the given orientation of the map to the fitted one.
-    pub turn: DQuat,
+    pub rotation: DQuat,
     /// Ratio of the true radiance of the clipped map pixels to their values, and the standard
     /// deviation of its logarithm; `None` if no pixels are clipped.
     pub gain: Option<(f64, f64)>,
     /// Whether the iteration converged.
-    pub settled: bool,
+    pub converged: bool,
 }
 
 impl KnownLightPosterior {
@@ -167,12 +167,12 @@ impl KnownLightPosterior {
     /// # Panics
     /// If the numbers of rows differ, or there are no rows or no materials.
     pub fn of(
-        rows: &Rows<'_>,
-        light: GivenLight,
+        rows: &ObservedPoints<'_>,
+        light: KnownLight,
         alignment: Alignment,
-        materials: &Materials<'_>,
+        materials: &PriorMaterials<'_>,
     ) -> Result<Self, KnownLightError> {
-        let space = Space::new(materials.coordinates);
+        let space = ParameterSpace::new(materials.latent_space);
         align::aligned(rows, light, alignment, &space, materials)
     }
 
@@ -183,14 +183,24 @@ impl KnownLightPosterior {
     ///
     /// # Panics
     /// If the numbers of rows differ, or there are no rows or no materials.
-    pub fn under(operator: &Operator, rows: &Rows<'_>, materials: &Materials<'_>) -> Result<Self, KnownLightError> {
-        let space = Space::new(materials.coordinates);
-        let mut image = Image::of(operator, rows, &space, FitPrior::MATERIAL)?;
+    pub fn under(
+        operator: &Operator,
+        rows: &ObservedPoints<'_>,
+        materials: &PriorMaterials<'_>,
+    ) -> Result<Self, KnownLightError> {
+        let space = ParameterSpace::new(materials.latent_space);
+        let mut image = ImageModel::of(operator, rows, &space, FitPrior::MATERIAL)?;
         let found = image.fit_to(rows, start(operator, rows.values, materials).state(&image))?;
         Ok(Self::found(&image, found, rows, &space, DQuat::IDENTITY))
     }
 
-    fn found(image: &Image<'_>, found: Fit, rows: &Rows<'_>, space: &Space, turn: DQuat) -> Self {
+    fn found(
+        image: &ImageModel<'_>,
+        found: LaplaceFit,
+        rows: &ObservedPoints<'_>,
+        space: &ParameterSpace,
+        turn: DQuat,
+    ) -> Self {
         let square = |values: &mut dyn Iterator<Item = f64>| values.map(|v| v * v).sum::<f64>();
         let left = square(&mut rows.values.iter().zip(&found.state.predicted).map(|(v, p)| v - p));
         let misfit = (left / square(&mut rows.values.iter().copied())).sqrt();
@@ -209,9 +219,9 @@ impl KnownLightPosterior {
             predicted: found.state.predicted,
             deviation: found.deviation,
             // A rotation has two quaternions; use the one with the smaller angle.
-            turn: if turn.w < 0.0 { -turn } else { turn },
+            rotation: if turn.w < 0.0 { -turn } else { turn },
             gain,
-            settled: found.settled,
+            converged: found.converged,
             space: space.clone(),
         }
     }
@@ -228,20 +238,20 @@ impl KnownLightPosterior {
     /// # Errors
     /// If the equations have no solution.
     pub fn gaussian(&self) -> Result<Gaussian, KnownLightError> {
-        let free = Space::free(self.space.dimensions);
+        let free = ParameterSpace::free(self.space.dimensions);
         let found = Gaussian::marginal(&self.coefficients, &self.curvature, free, self.deviation);
         found.ok_or(KnownLightError::Unsolvable)
     }
 }
 
-impl Rows<'_> {
+impl ObservedPoints<'_> {
     /// Returns the normals in the frame of each point's view, so that views have no effect.
     fn normals(&self) -> Vec<DVec3> {
         self.points.iter().map(SurfacePoint::in_view).collect()
     }
 
     fn trusts(&self) -> Vec<f64> {
-        self.trust.iter().map(|t| t.clamp(1e-3, 1.0)).collect()
+        self.weights.iter().map(|t| t.clamp(1e-3, 1.0)).collect()
     }
 }
 
@@ -254,7 +264,7 @@ struct Start {
 }
 
 impl Start {
-    fn state(&self, image: &Image<'_>) -> State {
+    fn state(&self, image: &ImageModel<'_>) -> State {
         image.start(&self.place, self.gain)
     }
 }
@@ -262,7 +272,7 @@ impl Start {
 /// Returns the material and the gain of the clipped pixels whose rendering is nearest to the image.
 ///
 /// The distance is the median absolute deviation of the logarithm.
-fn start(operator: &Operator, values: &[f64], materials: &Materials<'_>) -> Start {
+fn start(operator: &Operator, values: &[f64], materials: &PriorMaterials<'_>) -> Start {
     let rows: Vec<usize> = (0..values.len()).step_by(values.len().div_ceil(COMPARED).max(1)).collect();
     let floor = 0.01 * values.iter().sum::<f64>() / values.len() as f64;
     let deviation = |table: &BivariateTable, gain: f64| {

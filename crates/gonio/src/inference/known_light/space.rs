@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use crate::reflectance::{BivariateTable, CELLS, Coordinates, THETA_D, nearest_trusted};
+use crate::reflectance::{BivariateTable, CELLS, LatentSpace, THETA_D, nearest_trusted};
 
 /// Number of splines along the half angle and along the difference angle. Half angles are measured
 /// in samples of a table, which are dense where highlights are sharp.
@@ -22,7 +22,7 @@ const SUPPORT: usize = 4;
 /// The mean and the axes are those of the prior of materials, or a luminance table and the axes
 /// along which channels differ from it.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Space {
+pub(super) struct ParameterSpace {
     mean: Vec<f64>,
     /// `[cell][axis]`.
     axes: Vec<f64>,
@@ -32,8 +32,8 @@ pub(super) struct Space {
     splines: Vec<[(usize, [f64; SUPPORT]); 2]>,
 }
 
-impl Space {
-    pub(super) fn new(coordinates: &Coordinates) -> Self {
+impl ParameterSpace {
+    pub(super) fn new(coordinates: &LatentSpace) -> Self {
         Self::around(&coordinates.mean, &coordinates.directions())
     }
 

@@ -13,7 +13,7 @@ use crate::testing::ball;
 
 /// Operator of a light for the materials of the world.
 pub(super) fn under(points: &[SurfacePoint], light: &EnvironmentMap) -> Operator {
-    Operator::of(points, None, &GivenLight::of_map(light), &materials())
+    Operator::of(points, None, &KnownLight::of_map(light), &materials())
 }
 
 /// Values of a material of the world under an operator, at this scale.
@@ -22,13 +22,17 @@ fn image(operator: &Operator, material: usize, scale: f64) -> Vec<f64> {
     operator.apply(&table.as_slice().iter().map(|v| scale * f64::from(*v)).collect::<Vec<f64>>(), 1.0)
 }
 
-fn materials() -> Materials<'static> {
-    Materials::of(&WORLD.coordinates, &WORLD.places)
+fn materials() -> PriorMaterials<'static> {
+    PriorMaterials::of(&WORLD.latent_space, &WORLD.coordinates)
 }
 
 fn infer(points: &[SurfacePoint], operator: &Operator, values: &[f64]) -> Result<KnownLightPosterior, KnownLightError> {
     let trust = vec![1.0; values.len()];
-    KnownLightPosterior::under(operator, &Rows { points, visibility: None, values, trust: &trust }, &materials())
+    KnownLightPosterior::under(
+        operator,
+        &ObservedPoints { points, visibility: None, values, weights: &trust },
+        &materials(),
+    )
 }
 
 #[test]
@@ -38,12 +42,12 @@ fn recovers_a_planted_material_and_its_scale() {
     for material in [0, 2, 4] {
         let found = infer(&points, &operator, &image(&operator, material, 3.0)).unwrap();
         let truth = WORLD.table(&WORLD.entries[material]);
-        assert!(found.misfit < 0.02 && found.settled, "{material}: {}", found.misfit);
+        assert!(found.misfit < 0.02 && found.converged, "{material}: {}", found.misfit);
         let albedo = found.table().normal_albedo() / (3.0 * truth.normal_albedo());
         assert!((albedo - 1.0).abs() < 0.03, "{material}: {albedo}");
 
         let gaussian = found.gaussian().unwrap();
-        let posterior = MaterialPosterior::of_gaussian(&WORLD.coordinates, gaussian, Vec::new()).unwrap();
+        let posterior = MaterialPosterior::of_gaussian(&WORLD.latent_space, gaussian, Vec::new()).unwrap();
         let quantiles = posterior.quantiles(&[0.05, 0.95]);
         let truth = truth.with_normal_albedo(1.0).0;
         let held =
@@ -58,7 +62,7 @@ fn draws_depend_on_the_seed_and_have_the_variance_of_the_curvature() {
     let operator = under(&points, &light_map(7));
     let found = infer(&points, &operator, &image(&operator, 2, 1.0)).unwrap();
     let gaussian = found.gaussian().unwrap();
-    let draws = |count: usize, seed: u64| gaussian.draws(&WORLD.coordinates, count, seed).unwrap();
+    let draws = |count: usize, seed: u64| gaussian.draws(&WORLD.latent_space, count, seed).unwrap();
     assert_eq!(draws(5, 1), draws(5, 1));
     assert_ne!(draws(5, 1), draws(5, 2));
     // Compares the variance of the log ratio of two cells, which is independent of the scale,
@@ -83,7 +87,7 @@ fn tolerates_a_fifth_of_outliers() {
     values.iter_mut().step_by(5).for_each(|v| *v *= 0.2);
     let found = infer(&points, &operator, &values).unwrap();
     let truth = WORLD.table(&WORLD.entries[2]);
-    for (a, b) in found.gaussian().unwrap().place().iter().zip(WORLD.coordinates.of(&truth)).take(2) {
+    for (a, b) in found.gaussian().unwrap().place().iter().zip(WORLD.latent_space.of(&truth)).take(2) {
         assert!((a - b).abs() < 0.4, "{a} {b}");
     }
 }
@@ -106,22 +110,22 @@ fn rejects_black_images_and_dark_lights() {
 /// Returns the posterior for an image under one light, given another.
 fn given(points: &[SurfacePoint], values: &[f64], light: &EnvironmentMap, alignment: Alignment) -> KnownLightPosterior {
     let trust = vec![1.0; values.len()];
-    let rows = Rows { points, visibility: None, values, trust: &trust };
-    KnownLightPosterior::of(&rows, GivenLight::of_map(light), alignment, &materials()).unwrap()
+    let rows = ObservedPoints { points, visibility: None, values, weights: &trust };
+    KnownLightPosterior::of(&rows, KnownLight::of_map(light), alignment, &materials()).unwrap()
 }
 
 #[test]
 fn recovers_the_rotation_of_a_light() {
     let points = ball(400);
     let (map, turn) = (light_map(7), DQuat::from_scaled_axis(DVec3::new(0.05, -0.06, 0.03)));
-    let turned = GivenLight::of_map(&map).turned(turn);
+    let turned = KnownLight::of_map(&map).rotated(turn);
     let operator = Operator::of(&points, None, &turned, &materials());
     let values = image(&operator, 2, 1.0);
     let (fixed, near) =
         (given(&points, &values, &map, Alignment::Fixed), given(&points, &values, &map, Alignment::Near));
-    let off = near.turn.angle_between(turn).to_degrees();
+    let off = near.rotation.angle_between(turn).to_degrees();
     assert!(off < 0.5, "{off}");
-    assert_eq!(fixed.turn, DQuat::IDENTITY);
+    assert_eq!(fixed.rotation, DQuat::IDENTITY);
     assert!(near.misfit < 0.02 && fixed.misfit > 2.0 * near.misfit, "{} {}", near.misfit, fixed.misfit);
 }
 
@@ -131,7 +135,7 @@ fn keeps_an_aligned_light() {
     let operator = under(&points, &light_map(7));
     for material in [1, 4] {
         let values = image(&operator, material, 1.0);
-        assert_eq!(given(&points, &values, &light_map(7), Alignment::Near).turn, DQuat::IDENTITY);
+        assert_eq!(given(&points, &values, &light_map(7), Alignment::Near).rotation, DQuat::IDENTITY);
     }
 }
 
@@ -139,12 +143,12 @@ fn keeps_an_aligned_light() {
 fn recovers_any_rotation_about_the_vertical() {
     let points = ball(400);
     let turn = DQuat::from_rotation_y(-2.0);
-    let turned = GivenLight::of_map(&light_map(7)).turned(turn);
+    let turned = KnownLight::of_map(&light_map(7)).rotated(turn);
     let operator = Operator::of(&points, None, &turned, &materials());
     let found = given(&points, &image(&operator, 1, 1.0), &light_map(7), Alignment::Around);
-    let off = found.turn.angle_between(turn).to_degrees();
+    let off = found.rotation.angle_between(turn).to_degrees();
     assert!(off < 1.0, "{off}");
-    assert!(found.turn.to_scaled_axis().length() < std::f64::consts::PI);
+    assert!(found.rotation.to_scaled_axis().length() < std::f64::consts::PI);
 }
 
 #[test]

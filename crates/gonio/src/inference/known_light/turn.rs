@@ -4,9 +4,9 @@ use faer::Mat;
 use glam::{DQuat, DVec3};
 use rayon::prelude::*;
 
-use super::Rows;
-use super::fit::{Fit, Image, whitened};
-use super::light::GivenLight;
+use super::ObservedPoints;
+use super::fit::{ImageModel, LaplaceFit, whitened};
+use super::light::KnownLight;
 use crate::inference::light::Cholesky;
 use crate::picture::luminance;
 use crate::reflectance::BivariateTable;
@@ -19,7 +19,7 @@ const DEVIATION: f64 = 3.0 / DEGREES;
 const DEGREES: f64 = 180.0 / std::f64::consts::PI;
 
 /// Angle of finite differences: 1 degree, the resolution of tables at the highlight.
-const STEP: f64 = 1.0 / DEGREES;
+const DIFFERENCE_ANGLE: f64 = 1.0 / DEGREES;
 
 /// Largest number of observations for a proposal.
 const COMPARED: usize = 300;
@@ -30,9 +30,9 @@ const ACCURACY: IntegratorSettings = IntegratorSettings { tolerance: 0.5, max_ce
 /// Proposed rotation of the light.
 pub(super) struct Proposal {
     /// Rotation vector (radians), to be applied after the previous rotations.
-    pub(super) turn: DVec3,
+    pub(super) rotation: DVec3,
     /// Expected decrease of the cost, in nats.
-    pub(super) worth: f64,
+    pub(super) gain: f64,
 }
 
 /// Light that one point receives from a direction.
@@ -46,9 +46,9 @@ struct Share {
 ///
 /// `made` is the rotation vector so far. Returns `None` if the equations have no solution.
 pub(super) fn propose(
-    (image, found): (&Image<'_>, &Fit),
-    rows: &Rows<'_>,
-    light: &GivenLight,
+    (image, found): (&ImageModel<'_>, &LaplaceFit),
+    rows: &ObservedPoints<'_>,
+    light: &KnownLight,
     table: &BivariateTable,
     made: DVec3,
 ) -> Option<Proposal> {
@@ -75,14 +75,14 @@ pub(super) fn propose(
     let fixed = Cholesky::new(normal.submatrix(0, 0, n, n).to_owned())?.solve(&gradient[..n]);
     let decrease = |step: &[f64]| 0.5 * step.iter().zip(&gradient).map(|(s, g)| s * g).sum::<f64>();
     let worth = decrease(&step) - decrease(&fixed);
-    Some(Proposal { turn: DVec3::new(step[n], step[n + 1], step[n + 2]), worth })
+    Some(Proposal { rotation: DVec3::new(step[n], step[n + 1], step[n + 2]), gain: worth })
 }
 
 /// Returns the derivatives of the log luminance of a point by the rotation vector of the light.
 fn slopes(
-    image: &Image<'_>,
-    rows: &Rows<'_>,
-    (light, gain): (&GivenLight, f64),
+    image: &ImageModel<'_>,
+    rows: &ObservedPoints<'_>,
+    (light, gain): (&KnownLight, f64),
     table: &BivariateTable,
     at: usize,
 ) -> [f64; 3] {
@@ -106,6 +106,6 @@ fn slopes(
     };
     [DVec3::X, DVec3::Y, DVec3::Z].map(|axis| {
         let at = |angle: f64| image.log(turned(DQuat::from_axis_angle(axis, angle)));
-        (at(STEP) - at(-STEP)) / (2.0 * STEP)
+        (at(DIFFERENCE_ANGLE) - at(-DIFFERENCE_ANGLE)) / (2.0 * DIFFERENCE_ANGLE)
     })
 }

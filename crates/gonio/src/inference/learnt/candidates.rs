@@ -13,8 +13,8 @@ use rand_pcg::Pcg64;
 /// of the posterior (eq. 3 with the sum over materials in place of the integral).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Candidates {
-    /// Position of each material in the [coordinates](crate::reflectance::Coordinates).
-    pub places: Vec<Vec<f32>>,
+    /// Position of each material in the [coordinates](crate::reflectance::LatentSpace).
+    pub coordinates: Vec<Vec<f32>>,
     /// Embedding of each material, as long as that of an image.
     pub embeddings: Vec<Vec<f32>>,
 }
@@ -64,7 +64,7 @@ mod tests {
     #[test]
     fn weights_are_ratios_of_likelihoods() {
         let embeddings = vec![vec![1.0, 0.0], vec![0.0, 2.0], vec![-1.0, 0.0]];
-        let candidates = Candidates { places: vec![vec![]; 3], embeddings };
+        let candidates = Candidates { coordinates: vec![vec![]; 3], embeddings };
         let weights = candidates.weights(&[3.0_f32.ln(), 0.5 * 6.0_f32.ln()]);
         for (got, want) in weights.iter().zip([3.0, 6.0, 1.0 / 3.0]) {
             assert!((got - want / (9.0 + 1.0 / 3.0)).abs() < 1e-6, "{weights:?}");

@@ -14,7 +14,7 @@ pub fn inside_disk(side: usize) -> Vec<usize> {
 
 /// Constant added to the variance of a channel before its logarithm is taken, which keeps a
 /// constant channel finite.
-pub(super) const LEAST_VARIANCE: f32 = 1e-3;
+pub(super) const MIN_VARIANCE: f32 = 1e-3;
 
 /// Pools activations `[cell][channel]` over some cells.
 ///
@@ -40,7 +40,7 @@ pub fn pool(activations: &[f32], cells: &[usize], out: &mut [f32]) {
     for values in cells.iter().map(of) {
         spread.iter_mut().zip(values).zip(&*mean).for_each(|((s, v), m)| *s += (v - m) * (v - m));
     }
-    spread.iter_mut().for_each(|s| *s = 0.5 * (*s * share + LEAST_VARIANCE).ln());
+    spread.iter_mut().for_each(|s| *s = 0.5 * (*s * share + MIN_VARIANCE).ln());
 }
 
 /// Weights and bias of a layer.
@@ -252,7 +252,7 @@ mod tests {
         // Cells 1, 2, 4 to 11, 13 and 14 have a mean index of 7.5; each has two channels.
         let square = [6.5_f32, 5.5, 3.5, 2.5, 1.5, 0.5].map(|d| 2.0 * (2.0 * d).powi(2)).iter().sum::<f32>() / 12.0;
         for got in &out[4..] {
-            assert!((got - 0.5 * (square + LEAST_VARIANCE).ln()).abs() < 1e-5, "{got} {square}");
+            assert!((got - 0.5 * (square + MIN_VARIANCE).ln()).abs() < 1e-5, "{got} {square}");
         }
     }
 

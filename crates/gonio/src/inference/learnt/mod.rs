@@ -30,18 +30,18 @@ pub use candidates::Candidates;
 pub use convolution::{Convolution, silu, silu_backward};
 pub use encoder::{Encoder, inside_disk, pool};
 pub use encoder_shape::{EncoderError, EncoderShape, NamedLayer, Step};
-pub use numbers::{Ranking, peak_over_base};
+pub use numbers::{ScalarPosterior, peak_to_body};
 pub(crate) use posterior::sample;
 pub use posterior::{MaterialPosterior, Neighbour, interval_widths};
 pub(crate) use predictive::predict;
 pub use sphere_equivalent::{SphereEquivalent, SphereEquivalentSettings, to_sphere_equivalent};
-pub use spread::Spread;
+pub use spread::ErrorScale;
 
 use crate::appearance::DiskImage;
-use crate::appearance::disk::{CHANNELS, SIDE};
+use crate::appearance::disk::{CHANNELS, DISK_SIDE};
 use crate::colour::ColourModel;
 use crate::inference::likelihood::Embedding;
-use crate::reflectance::Coordinates;
+use crate::reflectance::LatentSpace;
 
 /// Trained model from an image to the posterior of its material.
 #[derive(Clone, Debug, PartialEq)]
@@ -53,7 +53,7 @@ pub struct LearntPosterior {
     /// Materials drawn from the prior.
     pub prior: Candidates,
     /// Coordinates of the space of materials.
-    pub coordinates: Coordinates,
+    pub latent_space: LatentSpace,
     /// Width of the prior's 90 % interval of the logarithm of each cell ([`interval_widths`]).
     pub widths: Vec<f32>,
     /// Network from the channels and globals of a [`DiskImage`] to its embedding.
@@ -66,30 +66,30 @@ pub struct LearntPosterior {
 
 /// Output of the encoder for an image.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Reading {
+pub struct EncoderOutput {
     /// Embedding of the image.
     pub embedding: Vec<f32>,
     /// Share of the encoder's features outside their range in training.
     ///
     /// The share is near 0.002 for photographs like the simulated ones. It is large for photographs
     /// unlike them, whose posterior is unreliable.
-    pub strangeness: f64,
+    pub out_of_distribution: f64,
 }
 
 impl LearntPosterior {
     /// Runs the encoder on an image.
-    pub fn read(&self, image: &DiskImage) -> Reading {
-        let mut channels = vec![0.0; SIDE * SIDE * CHANNELS];
+    pub fn encode(&self, image: &DiskImage) -> EncoderOutput {
+        let mut channels = vec![0.0; DISK_SIDE * DISK_SIDE * CHANNELS];
         let globals = image.write(&mut channels);
         let (embedding, features) = self.encoder.apply(&channels, &globals);
         let outside = features.iter().zip(&self.ranges).filter(|(v, (low, high))| *v < low || *v > high).count();
-        Reading { embedding, strangeness: outside as f64 / self.ranges.len().max(1) as f64 }
+        EncoderOutput { embedding, out_of_distribution: outside as f64 / self.ranges.len().max(1) as f64 }
     }
 
     /// Computes the posterior mean for an embedding of images, in the coordinates of materials.
-    pub fn mean_place(&self, embedding: &Embedding) -> Vec<f64> {
-        let mut mean = vec![0.0; self.coordinates.axes.len()];
-        for (place, weight) in self.prior.places.iter().zip(self.prior.weights(&embedding.weighed())) {
+    pub fn mean_coordinates(&self, embedding: &Embedding) -> Vec<f64> {
+        let mut mean = vec![0.0; self.latent_space.axes.len()];
+        for (place, weight) in self.prior.coordinates.iter().zip(self.prior.weights(&embedding.tempered())) {
             mean.iter_mut().zip(place).for_each(|(sum, z)| *sum += weight * f64::from(*z));
         }
         mean
@@ -98,7 +98,7 @@ impl LearntPosterior {
     /// Returns an identifier of the model: a hash (FNV-1a) of its coordinates and embeddings, as 16
     /// hexadecimal digits.
     pub fn id(&self) -> String {
-        let numbers = self.coordinates.mean.iter().chain(self.measured.embeddings.iter().flatten());
+        let numbers = self.latent_space.mean.iter().chain(self.measured.embeddings.iter().flatten());
         let hash = numbers
             .flat_map(|v| v.to_bits().to_le_bytes())
             .fold(0xcbf2_9ce4_8422_2325_u64, |hash, byte| (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3));
@@ -107,6 +107,6 @@ impl LearntPosterior {
 
     /// Computes the posterior of the material of an image.
     pub fn posterior(&self, image: &DiskImage) -> MaterialPosterior {
-        MaterialPosterior::of_embedding(self, Embedding::of(self.read(image).embedding))
+        MaterialPosterior::of_embedding(self, Embedding::of(self.encode(image).embedding))
     }
 }

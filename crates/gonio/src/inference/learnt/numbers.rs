@@ -10,7 +10,7 @@ use crate::reflectance::{BivariateTable, THETA_D, THETA_H, is_trusted, theta_d_o
 ///
 /// This is the value along the normal over the mean at half angles above 45 degrees and difference
 /// angles below. It is one for chalk, tens for a satin paint and thousands for polished metal.
-pub fn peak_over_base(table: &BivariateTable) -> f64 {
+pub fn peak_to_body(table: &BivariateTable) -> f64 {
     let far = std::f64::consts::FRAC_PI_4;
     let (mut sum, mut count) = (0.0, 0.0);
     for i in (0..THETA_H).filter(|&i| theta_h_of(i) > far) {
@@ -24,7 +24,7 @@ pub fn peak_over_base(table: &BivariateTable) -> f64 {
 
 /// A number computed from each draw of a posterior, in ascending order.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Ranking {
+pub struct ScalarPosterior {
     /// Logarithms of the numbers.
     logs: Vec<f32>,
     /// Scale of the error of the logarithm that the draws do not show.
@@ -33,14 +33,14 @@ pub struct Ranking {
 
 impl MaterialPosterior {
     /// Computes a positive number from the table of each draw.
-    pub fn ranking(&self, number: impl Fn(&BivariateTable) -> f64 + Sync) -> Ranking {
+    pub fn ranking(&self, number: impl Fn(&BivariateTable) -> f64 + Sync) -> ScalarPosterior {
         let mut logs: Vec<f32> = self.draws.par_iter().map(|table| number(table).max(1e-300).ln() as f32).collect();
         logs.sort_by(f32::total_cmp);
-        Ranking { logs, error: self.spread.of_numbers }
+        ScalarPosterior { logs, error: self.spread.of_numbers }
     }
 }
 
-impl Ranking {
+impl ScalarPosterior {
     /// Computes quantiles of the number, including the errors that the draws do not show.
     ///
     /// `shares` are in 0..1, ascending.
@@ -56,13 +56,13 @@ mod tests {
 
     #[test]
     fn gloss_is_the_peak_over_the_base() {
-        assert!((peak_over_base(&BivariateTable::from_fn(|_, _| 0.2)) - 1.0).abs() < 1e-6);
-        assert!((peak_over_base(&crate::testing::lobe(0.1, 4.9, 0.1)) - 50.0).abs() < 1e-3);
+        assert!((peak_to_body(&BivariateTable::from_fn(|_, _| 0.2)) - 1.0).abs() < 1e-6);
+        assert!((peak_to_body(&crate::testing::lobe(0.1, 4.9, 0.1)) - 50.0).abs() < 1e-3);
     }
 
     #[test]
     fn quantiles_include_the_error() {
-        let ranking = Ranking { logs: (0..101).map(|i| 0.01 * i as f32).collect(), error: 0.2 };
+        let ranking = ScalarPosterior { logs: (0..101).map(|i| 0.01 * i as f32).collect(), error: 0.2 };
         let quantiles = ranking.quantiles(&[0.05, 0.5, 0.95]);
         assert!((quantiles[1] - 0.5_f64.exp()).abs() < 0.01, "{quantiles:?}");
         assert!(quantiles[0] < 1.0 && quantiles[2] > 2.8, "{quantiles:?}");

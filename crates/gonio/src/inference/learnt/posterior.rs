@@ -2,12 +2,12 @@
 
 use rayon::prelude::*;
 
-use super::spread::{Spread, quantile, spread_quantile, student_quantile};
+use super::spread::{ErrorScale, quantile, spread_quantile, student_quantile};
 use super::{Candidates, LearntPosterior};
 use crate::colour::ChromaField;
 use crate::inference::known_light::Gaussian;
 use crate::inference::likelihood::{Embedding, Likelihood};
-use crate::reflectance::{BivariateTable, CELLS, Coordinates, is_trusted, trusted_cells};
+use crate::reflectance::{BivariateTable, CELLS, LatentSpace, is_trusted, trusted_cells};
 
 /// Number of draws that represent a posterior.
 const DRAWS: usize = 256;
@@ -42,7 +42,7 @@ pub struct MaterialPosterior {
     /// Measured materials by descending weight.
     pub neighbours: Vec<Neighbour>,
     /// Errors that the draws do not show; they widen the intervals.
-    pub spread: Spread,
+    pub spread: ErrorScale,
 }
 
 impl MaterialPosterior {
@@ -55,7 +55,7 @@ impl MaterialPosterior {
             Likelihood::Embedding(embedding) => Some(Self::of_embedding(learnt, embedding)),
             Likelihood::Gaussian(gaussian) => {
                 let neighbours = nearest(learnt, gaussian.place());
-                Self::of_gaussian(&learnt.coordinates, gaussian, neighbours)
+                Self::of_gaussian(&learnt.latent_space, gaussian, neighbours)
             }
         }
     }
@@ -63,9 +63,15 @@ impl MaterialPosterior {
     /// Computes the posterior under a known light, with these neighbours.
     ///
     /// Returns `None` if the inverse covariance of the Gaussian is not positive definite.
-    pub fn of_gaussian(coordinates: &Coordinates, gaussian: Gaussian, neighbours: Vec<Neighbour>) -> Option<Self> {
+    pub fn of_gaussian(coordinates: &LatentSpace, gaussian: Gaussian, neighbours: Vec<Neighbour>) -> Option<Self> {
         let (draws, mean) = (gaussian.draws(coordinates, DRAWS, 1)?, gaussian.table(coordinates));
-        Some(Self { likelihood: Likelihood::Gaussian(gaussian), draws, mean, neighbours, spread: Spread::KNOWN_LIGHT })
+        Some(Self {
+            likelihood: Likelihood::Gaussian(gaussian),
+            draws,
+            mean,
+            neighbours,
+            spread: ErrorScale::KNOWN_LIGHT,
+        })
     }
 
     /// Computes the posterior from the embedding of images.
@@ -73,7 +79,7 @@ impl MaterialPosterior {
     /// # Panics
     /// If the embedding does not have the length of the candidates' embeddings.
     pub(super) fn of_embedding(learnt: &LearntPosterior, embedding: Embedding) -> Self {
-        let weighed = embedding.weighed();
+        let weighed = embedding.tempered();
         let draws = draws(learnt, &weighed, DRAWS, 1);
         let mut sum = vec![0.0_f64; CELLS];
         for table in &draws {
@@ -85,7 +91,7 @@ impl MaterialPosterior {
         let named = |(name, weight): (&String, f64)| Neighbour { name: name.clone(), weight };
         let mut neighbours: Vec<Neighbour> = learnt.names.iter().zip(shares).map(named).collect();
         neighbours.sort_by(|a, b| b.weight.total_cmp(&a.weight));
-        Self { likelihood: Likelihood::Embedding(embedding), draws, mean, neighbours, spread: Spread::BLIND }
+        Self { likelihood: Likelihood::Embedding(embedding), draws, mean, neighbours, spread: ErrorScale::BLIND }
     }
 
     /// Computes quantiles of each cell, `[quantile][cell]`, on the scale of [`Self::mean`].
@@ -171,7 +177,7 @@ impl MaterialPosterior {
 /// coordinates.
 fn nearest(learnt: &LearntPosterior, from: &[f64]) -> Vec<Neighbour> {
     let distance = |place: &Vec<f32>| from.iter().zip(place).map(|(a, b)| (a - f64::from(*b)).powi(2)).sum::<f64>();
-    let distances: Vec<f64> = learnt.measured.places.iter().map(distance).collect();
+    let distances: Vec<f64> = learnt.measured.coordinates.iter().map(distance).collect();
     let least = distances.iter().copied().fold(f64::INFINITY, f64::min);
     let weights: Vec<f64> = distances.iter().map(|d| (-0.5 * (d - least)).exp()).collect();
     let total: f64 = weights.iter().sum();
@@ -192,8 +198,8 @@ pub(crate) fn sample(
 ) -> Option<Vec<BivariateTable>> {
     match likelihood {
         likelihood if !likelihood.is_of(learnt) => None,
-        Likelihood::Embedding(embedding) => Some(draws(learnt, &embedding.weighed(), count, seed)),
-        Likelihood::Gaussian(gaussian) => gaussian.draws(&learnt.coordinates, count, seed),
+        Likelihood::Embedding(embedding) => Some(draws(learnt, &embedding.tempered(), count, seed)),
+        Likelihood::Gaussian(gaussian) => gaussian.draws(&learnt.latent_space, count, seed),
     }
 }
 
@@ -202,10 +208,10 @@ pub(crate) fn sample(
 /// The same seed gives the same draws.
 fn draws(learnt: &LearntPosterior, embedding: &[f32], count: usize, seed: u64) -> Vec<BivariateTable> {
     let candidates = &learnt.prior;
-    let place = |at: usize| candidates.places[at].iter().map(|z| f64::from(*z)).collect();
+    let place = |at: usize| candidates.coordinates[at].iter().map(|z| f64::from(*z)).collect();
     let drawn = Candidates::draw(&candidates.weights(embedding), count, seed);
     let places: Vec<Vec<f64>> = drawn.into_iter().map(place).collect();
-    learnt.coordinates.tables(&places).par_iter().map(|table| table.with_normal_albedo(1.0).0).collect()
+    learnt.latent_space.tables(&places).par_iter().map(|table| table.with_normal_albedo(1.0).0).collect()
 }
 
 /// Computes the width of the 90 % interval of each cell's logarithm over equally likely tables.

@@ -5,15 +5,15 @@ use rand_distr::{ChiSquared, Distribution};
 use rand_pcg::Pcg64;
 use rayon::prelude::*;
 
-use super::spread::{DEGREES_OF_FREEDOM, Spread};
+use super::spread::{DEGREES_OF_FREEDOM, ErrorScale};
 use super::{LearntPosterior, sample};
 use crate::inference::likelihood::Likelihood;
 use crate::reflectance::{BivariateTable, unit_field};
 
 /// Draws materials with albedo one along the normal from the posterior predictive distribution.
 ///
-/// Each draw is one of [`sample`] times `exp(t s f)`. Here `s` is the [`Spread`] of the cell, and
-/// `f` is a smooth random field of variance one. `t` makes the product `t f` follow Student's
+/// Each draw is one of [`sample`] times `exp(t s f)`. Here `s` is the [`ErrorScale`] of the cell,
+/// and `f` is a smooth random field of variance one. `t` makes the product `t f` follow Student's
 /// distribution in every cell. The quantiles of the draws are therefore those of
 /// [`MaterialPosterior::quantiles`](super::MaterialPosterior::quantiles).
 ///
@@ -25,8 +25,8 @@ pub(crate) fn predict(
     seed: u64,
 ) -> Option<Vec<BivariateTable>> {
     let scales = match likelihood {
-        Likelihood::Embedding(_) => Spread::BLIND,
-        Likelihood::Gaussian(_) => Spread::KNOWN_LIGHT,
+        Likelihood::Embedding(_) => ErrorScale::BLIND,
+        Likelihood::Gaussian(_) => ErrorScale::KNOWN_LIGHT,
     }
     .by_cell();
     let squares = ChiSquared::new(DEGREES_OF_FREEDOM).expect("the number of degrees of freedom is positive");

@@ -36,7 +36,7 @@ impl Default for SphereEquivalentSettings {
 
 /// Largest ratio, and inverse of the smallest. Where a point receives a fifth of the light that the
 /// sphere would receive, noise and interreflections dominate.
-const LARGEST_RATIO: f64 = 5.0;
+const MAX_RATIO: f64 = 5.0;
 
 /// Quadrature of the predictions. Only ratios of predictions matter, in which its errors nearly
 /// cancel. It takes a quarter of the time of the default quadrature.
@@ -73,7 +73,7 @@ pub fn to_sphere_equivalent(
     plan: &PlanSettings,
     settings: &SphereEquivalentSettings,
 ) -> Result<SphereEquivalent, LightError> {
-    let weights = observations.trust();
+    let weights = observations.effective_weights();
     let points = &observations.points;
     let samples = observations.samples();
     let mut image = DiskImage::gather(&samples).ok_or(LightError::Image(ProblemError::Black))?;
@@ -86,7 +86,7 @@ pub fn to_sphere_equivalent(
     let lattice = Lattice::new();
     let few = observations.thinned(settings.rows);
     let chosen = observations.select(&lattice.choose(points, &weights, settings.each));
-    let weights = chosen.trust();
+    let weights = chosen.effective_weights();
     let mut last = vec![0.0; weights.len()];
     for _ in 0..settings.rounds {
         let posterior = learnt.posterior(&image);
@@ -94,11 +94,11 @@ pub fn to_sphere_equivalent(
         let evidence = problem.posterior()?;
         let radiance: Vec<f64> = cut_off_at_zero(&evidence.light).iter().map(|l| l * evidence.exposure).collect();
         let light = LightGrid::from_coefficients(prior.map, &radiance);
-        let predictions = predict(chosen.seen(), &posterior.mean, &light, QUADRATURE);
+        let predictions = predict(chosen.points_with_visibility(), &posterior.mean, &light, QUADRATURE);
         let logs: Vec<f64> = predictions
             .iter()
-            .map(|p| p.on_sphere / p.seen)
-            .map(|ratio| if ratio.is_finite() { ratio.clamp(1.0 / LARGEST_RATIO, LARGEST_RATIO).ln() } else { 0.0 })
+            .map(|p| p.on_sphere / p.shadowed)
+            .map(|ratio| if ratio.is_finite() { ratio.clamp(1.0 / MAX_RATIO, MAX_RATIO).ln() } else { 0.0 })
             .collect();
         // A large factor also amplifies the noise. Where most light passes the edge of a shadow,
         // the ratio is unreliable.

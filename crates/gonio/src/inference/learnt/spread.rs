@@ -20,14 +20,14 @@ pub(super) const DEGREES_OF_FREEDOM: f64 = 3.0;
 /// values of materials outside the training set as often as their probability requires
 /// (docs/results.md).
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Spread {
+pub struct ErrorScale {
     /// Scale at the half angles of [`NODES`].
     of_cells: [f64; 6],
     /// Scale of the logarithm of a number such as gloss.
     pub(super) of_numbers: f64,
 }
 
-impl Spread {
+impl ErrorScale {
     /// Spread under an unknown light.
     pub(super) const BLIND: Self = Self { of_cells: [0.2, 0.25, 0.3, 0.35, 0.45, 0.8], of_numbers: 0.15 };
 
@@ -117,7 +117,7 @@ mod tests {
 
     #[test]
     fn spreads_grow_with_the_half_angle() {
-        for spread in [Spread::BLIND, Spread::KNOWN_LIGHT] {
+        for spread in [ErrorScale::BLIND, ErrorScale::KNOWN_LIGHT] {
             assert_eq!(spread.at(0.0), spread.of_cells[0]);
             assert_eq!(spread.at(1.5), spread.of_cells[5]);
             assert!((spread.at(45_f64.to_radians()) - spread.of_cells[4]).abs() < 1e-12);

@@ -50,13 +50,13 @@ pub(crate) static WORLD: LazyLock<Dictionary> = LazyLock::new(|| {
 /// `(m, 1) / s^2` is `-(z - m)^2 / 2 s^2` up to a constant: a Gaussian around `m`, of standard
 /// deviation `s` along each coordinate.
 fn measured() -> Candidates {
-    let places = &WORLD.places[..WORLD.measured.len()];
+    let places = &WORLD.coordinates[..WORLD.measured.len()];
     let wide = |place: &Vec<f64>| place.iter().map(|z| *z as f32).collect::<Vec<f32>>();
     let embedding = |place: &Vec<f64>| {
         let square: f64 = place.iter().map(|z| z * z).sum();
         wide(place).into_iter().chain([(-0.5 * square) as f32]).collect()
     };
-    Candidates { places: places.iter().map(wide).collect(), embeddings: places.iter().map(embedding).collect() }
+    Candidates { coordinates: places.iter().map(wide).collect(), embeddings: places.iter().map(embedding).collect() }
 }
 
 /// Materials around a place, all of the same weight.
@@ -64,7 +64,7 @@ fn draws_around(place: &[f64], deviation: f32) -> Candidates {
     let mut rng = Pcg64::seed_from_u64(8);
     let mut near = |z: &f64| *z as f32 + deviation * Distribution::<f32>::sample(&StandardNormal, &mut rng);
     let places: Vec<Vec<f32>> = (0..300).map(|_| place.iter().map(&mut near).collect()).collect();
-    Candidates { embeddings: vec![vec![0.0; place.len() + 1]; places.len()], places }
+    Candidates { embeddings: vec![vec![0.0; place.len() + 1]; places.len()], coordinates: places }
 }
 
 /// Posterior that assigns to every image the materials around a place.
@@ -92,7 +92,7 @@ fn around(place: &[f64], deviation: f32) -> LearntPosterior {
         names: WORLD.measured.names.clone(),
         measured: measured(),
         prior: draws_around(place, deviation),
-        coordinates: WORLD.coordinates.clone(),
+        latent_space: WORLD.latent_space.clone(),
         widths: interval_widths(&tables),
         encoder: Encoder::from_tensors(shape, find).unwrap(),
         ranges: vec![(0.0, 1.0); 2],
@@ -102,13 +102,13 @@ fn around(place: &[f64], deviation: f32) -> LearntPosterior {
 
 /// Posterior that is concentrated on one of the six materials, for any image.
 pub(crate) fn knowing(material: usize) -> LearntPosterior {
-    around(&WORLD.places[material], 0.05)
+    around(&WORLD.coordinates[material], 0.05)
 }
 
 fn any_image() -> DiskImage {
     let on = |c: usize| f32::from(u8::from(on_disk(c)));
-    let all: Vec<f32> = (0..SIDE * SIDE).map(on).collect();
-    DiskImage::of_cells(all.clone(), all, vec![None; SIDE * SIDE], 0.01)
+    let all: Vec<f32> = (0..DISK_SIDE * DISK_SIDE).map(on).collect();
+    DiskImage::of_cells(all.clone(), all, vec![None; DISK_SIDE * DISK_SIDE], 0.01)
 }
 
 #[test]
@@ -116,7 +116,7 @@ fn the_estimate_is_the_material_of_a_concentrated_posterior() {
     for material in [0, 2, 4] {
         let posterior = knowing(material).posterior(&any_image());
         let truth = WORLD.table(&WORLD.entries[material]);
-        for (a, b) in WORLD.coordinates.of(&posterior.mean).iter().zip(WORLD.coordinates.of(&truth)) {
+        for (a, b) in WORLD.latent_space.of(&posterior.mean).iter().zip(WORLD.latent_space.of(&truth)) {
             assert!((a - b).abs() < 0.1, "{material}: {a} {b}");
         }
         assert_eq!(posterior.neighbours[0].name, WORLD.measured.names[material]);
@@ -128,7 +128,7 @@ fn the_estimate_is_the_material_of_a_concentrated_posterior() {
 
 #[test]
 fn intervals_are_ordered_and_contain_the_mean_material() {
-    let learnt = around(&WORLD.places[2], 0.5);
+    let learnt = around(&WORLD.coordinates[2], 0.5);
     let posterior = learnt.posterior(&any_image());
     let quantiles = posterior.quantiles(&[0.05, 0.5, 0.95]);
     let trusted: Vec<usize> = trusted_cells().collect();
@@ -147,17 +147,17 @@ fn intervals_are_ordered_and_contain_the_mean_material() {
 }
 
 #[test]
-fn strangeness_is_the_share_of_features_out_of_range() {
+fn out_of_distribution_is_the_share_of_features_out_of_range() {
     let mut learnt = knowing(1);
-    assert_eq!(learnt.read(&any_image()).strangeness, 0.0);
+    assert_eq!(learnt.encode(&any_image()).out_of_distribution, 0.0);
     learnt.ranges[0] = (5.0, 6.0);
-    assert_eq!(learnt.read(&any_image()).strangeness, 0.5);
+    assert_eq!(learnt.encode(&any_image()).out_of_distribution, 0.5);
 }
 
 /// Quantiles of predictive draws are the intervals, up to the approximation of their sum.
 #[test]
 fn predictive_draws_are_as_wide_as_the_intervals() {
-    let learnt = around(&WORLD.places[2], 0.3);
+    let learnt = around(&WORLD.coordinates[2], 0.3);
     let posterior = learnt.posterior(&any_image());
     let intervals = posterior.quantiles(&[0.05, 0.95]);
     let draws = predict(&learnt, &posterior.likelihood, 1000, 3).unwrap();

@@ -30,8 +30,8 @@
 //! * [`LightProblem`] combines these for a photograph and one BRDF.
 //!
 //! The ascent also maximises over the logarithms of exposure `g` and precision `b`. The objective
-//! includes the densities of `log g` and `log b` that follow from [`Hyper`], so that the optimal
-//! `b` is `(a + N/2) / (b_0 + E/2)` as in Algorithm 1.
+//! includes the densities of `log g` and `log b` that follow from [`Hyperparameters`], so that the
+//! optimal `b` is `(a + N/2) / (b_0 + E/2)` as in Algorithm 1.
 
 pub(crate) mod dense;
 pub(crate) use dense::Cholesky;
@@ -55,7 +55,7 @@ pub use posterior::{InferenceSettings, LightPosterior};
 pub use problem::{LightError, LightProblem};
 use scales::Scales;
 
-use super::{Hyper, ProblemError};
+use super::{Hyperparameters, ProblemError};
 use crate::lighting::{LightGrid, LightPrior};
 
 /// Image on r rows with everything that does not depend on reflectance: the priors of light,
@@ -74,7 +74,7 @@ pub struct LightInference<'a> {
     /// Factor that the image was multiplied by.
     scale: f64,
     scales: Scales<'a>,
-    hyper: Hyper,
+    hyper: Hyperparameters,
 }
 
 /// Error in computing the evidence.
@@ -101,7 +101,7 @@ impl<'a> LightInference<'a> {
         pixels: usize,
         m: usize,
         light: &'a LightPrior,
-        hyper: Hyper,
+        hyper: Hyperparameters,
     ) -> Result<Self, ProblemError> {
         assert!(pixels >= target.len(), "{pixels} pixels for {} rows", target.len());
         let energy = target.iter().map(|t| t * t).sum::<f64>() + outside;
@@ -143,7 +143,7 @@ impl<'a> LightInference<'a> {
 
     /// `log p(log b)` of the Gamma prior of `b`.
     fn log_noise_prior(&self, log_b: f64) -> f64 {
-        let Hyper { noise_shape: shape, noise_rate: rate, .. } = self.hyper;
+        let Hyperparameters { noise_shape: shape, noise_rate: rate, .. } = self.hyper;
         shape * (rate.ln() + log_b) - ln_gamma(shape) - rate * log_b.exp()
     }
 }

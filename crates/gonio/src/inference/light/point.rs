@@ -4,7 +4,7 @@
 use std::f64::consts::TAU;
 
 use super::factor::{Design, Factor};
-use super::scales::Given;
+use super::scales::ConditionalPrior;
 use super::{InferenceSettings, LightInference};
 use crate::lighting::RectifiedGaussian;
 use crate::transfer::kernels::dot;
@@ -38,7 +38,7 @@ impl State {
 
 /// Effect of rectification: the posterior of coefficient `c` is truncated at a threshold, and all
 /// others follow by regression.
-pub(super) struct Cut {
+pub(super) struct Truncation {
     /// `Sigma_mc / Sigma_cc` (M).
     pub(super) regression: Vec<f64>,
     /// `Sigma_cc` minus the variance after the cut.
@@ -53,14 +53,14 @@ pub(super) struct Cut {
 pub(super) struct Point<'a> {
     pub(super) state: State,
     pub(super) factor: Factor<'a>,
-    pub(super) given: Given,
+    pub(super) given: ConditionalPrior,
     pub(super) bound: f64,
     pub(super) objective: f64,
     /// `<l>` (M).
     pub(super) light: Vec<f64>,
     /// `B <l>` (r).
     pub(super) image: Vec<f64>,
-    pub(super) cut: Option<Cut>,
+    pub(super) cut: Option<Truncation>,
     /// `B` times the regression of the cut (r), empty without one.
     cut_image: Vec<f64>,
     /// `Sigma_mm` before any cut (M); empty until [`Self::find_variances`].
@@ -114,7 +114,7 @@ impl<'a> Point<'a> {
             let before = marginal_of(c, &prior, column[c], state.log_g);
             let after = before.moments();
             let regression: Vec<f64> = column.iter().map(|s| s / column[c]).collect();
-            Cut {
+            Truncation {
                 regression,
                 lost_variance: column[c] - after.variance,
                 shift: after.mean - before.location,
@@ -189,7 +189,8 @@ impl<'a> Point<'a> {
             .filter(|(_, prior)| **prior > 0.0)
             .map(|(posterior, prior)| 1.0 - posterior / prior)
             .sum();
-        let cut = |cut: &Cut| self.state.log_rho().exp() * cut.lost_variance * dot(&self.cut_image, &self.cut_image);
+        let cut =
+            |cut: &Truncation| self.state.log_rho().exp() * cut.lost_variance * dot(&self.cut_image, &self.cut_image);
         before - self.cut.as_ref().map_or(0.0, cut)
     }
 

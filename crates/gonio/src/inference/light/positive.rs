@@ -175,7 +175,7 @@ mod tests {
     use rand_distr::{Distribution, StandardNormal};
 
     use super::*;
-    use crate::inference::Hyper;
+    use crate::inference::Hyperparameters;
     use crate::inference::light::{InferenceSettings, LightOperator};
     use crate::lighting::{CoefficientPrior, LightGrid, LightPrior, ScaleMixture};
     use crate::testing::on_threads;
@@ -244,7 +244,8 @@ mod tests {
         for noise in [0.01, 0.05, 0.2] {
             let Lamps { light, operator, target } = lamps(8, noise);
             let prior = gaussian_prior(8);
-            let inference = LightInference::new(&target, 0.0, target.len(), 64, &prior, Hyper::default()).unwrap();
+            let inference =
+                LightInference::new(&target, 0.0, target.len(), 64, &prior, Hyperparameters::default()).unwrap();
             let posterior = inference.posterior(&operator, &InferenceSettings::default()).unwrap();
             let lowest = lit(&posterior.light).into_iter().fold(f64::MAX, f64::min);
             let got = inference
@@ -266,7 +267,8 @@ mod tests {
         let Lamps { operator, target, .. } = lamps(16, 0.05);
         let prior = crate::transfer::toy_prior(16);
         let run = || {
-            let inference = LightInference::new(&target, 0.0, target.len(), 256, &prior, Hyper::default()).unwrap();
+            let inference =
+                LightInference::new(&target, 0.0, target.len(), 256, &prior, Hyperparameters::default()).unwrap();
             let settings = InferenceSettings { max_steps: 3, ..Default::default() };
             let posterior = inference.posterior(&operator, &settings).unwrap();
             inference
@@ -297,7 +299,7 @@ mod tests {
         let target: Vec<f64> =
             entries.chunks(16).map(|b| b.iter().zip(&light).map(|(b, l)| b * l).sum::<f64>()).collect();
         let prior = gaussian_prior(side);
-        let inference = LightInference::new(&target, 0.0, 40, 16, &prior, Hyper::default()).unwrap();
+        let inference = LightInference::new(&target, 0.0, 40, 16, &prior, Hyperparameters::default()).unwrap();
         let operator = LightOperator::from_rows(40, 16, &entries);
         let posterior = inference.posterior(&operator, &InferenceSettings::default()).unwrap();
         let got = inference

@@ -60,16 +60,16 @@ pub struct LightPosterior {
 
 /// Largest extension of a step in `log rho`, `rho = b g^2`, beyond the expectation-maximisation
 /// step.
-const LONGEST_STEP: f64 = 2.0;
+const MAX_STEP: f64 = 2.0;
 
 /// Largest factor by which a step is lengthened.
-const LARGEST_STRETCH: f64 = 64.0;
+const MAX_STRETCH: f64 = 64.0;
 
 /// Gain of a step, in nats, below which the ascent tries other components of the mixtures.
 const SLOW: f64 = 1.0;
 
 /// Largest number of component switches.
-const LEAPS: usize = 8;
+const MAX_SWITCHES: usize = 8;
 
 impl LightInference<'_> {
     /// Maximises the bound of an operator, starting from the scales of the prior's variances.
@@ -113,7 +113,7 @@ impl LightInference<'_> {
                 state
             }
         };
-        self.climb(design, start, settings)
+        self.maximise(design, start, settings)
     }
 
     pub(super) fn design(&self, operator: LightOperator) -> Design {
@@ -145,7 +145,7 @@ impl LightInference<'_> {
         }
     }
 
-    pub(super) fn climb(
+    pub(super) fn maximise(
         &self,
         design: &Design,
         start: State,
@@ -157,7 +157,7 @@ impl LightInference<'_> {
         // Factor by which the last step was lengthened. The next factor is at most 4 times this
         // one, and 2 times this one if the secant has no negative slope.
         let mut stretch = 1.0_f64;
-        let mut leaps = LEAPS;
+        let mut switches = MAX_SWITCHES;
         let (mut converged, mut last) = (false, None::<(f64, f64)>);
         while trace.len() <= settings.max_steps && !converged {
             let plain = now.maximised(self, settings);
@@ -167,12 +167,12 @@ impl LightInference<'_> {
                 if slope < 0.0 { (-1.0 / slope).clamp(1.0, 4.0 * stretch) } else { 2.0 * stretch }
             });
             last = Some((at, step)).filter(|_| step != 0.0);
-            let longer = ((factor - 1.0) * step).clamp(-LONGEST_STEP, LONGEST_STEP);
+            let longer = ((factor - 1.0) * step).clamp(-MAX_STEP, MAX_STEP);
             let mut next = None;
             if longer != 0.0 {
                 let bold = Point::new(self, design, plain.stretched(longer, settings), settings);
                 next = bold.filter(|bold| bold.objective >= now.objective);
-                stretch = if next.is_some() { factor.min(LARGEST_STRETCH) } else { 1.0 };
+                stretch = if next.is_some() { factor.min(MAX_STRETCH) } else { 1.0 };
             }
             if next.is_none() {
                 next = Point::new(self, design, plain, settings);
@@ -186,15 +186,15 @@ impl LightInference<'_> {
             let gain = next.objective - now.objective;
             trace.push(next.objective);
             now = next;
-            if gain < SLOW.max(settings.tolerance) && leaps > 0 {
-                leaps -= 1;
-                match self.leap(design, &now, settings) {
+            if gain < SLOW.max(settings.tolerance) && switches > 0 {
+                switches -= 1;
+                match self.switch_components(design, &now, settings) {
                     Some(next) => {
                         trace.push(next.objective);
                         (now, last, stretch) = (next, None, 1.0);
                         continue;
                     }
-                    None => leaps = 0,
+                    None => switches = 0,
                 }
             }
             converged = gain < settings.tolerance;
@@ -206,7 +206,12 @@ impl LightInference<'_> {
     ///
     /// It switches all coefficients, or only those whose prior variance the image reduces by at
     /// most 30 % or 5 %; these are nearly independent of each other.
-    fn leap<'a>(&self, design: &'a Design, now: &Point<'a>, settings: &InferenceSettings) -> Option<Point<'a>> {
+    fn switch_components<'a>(
+        &self,
+        design: &'a Design,
+        now: &Point<'a>,
+        settings: &InferenceSettings,
+    ) -> Option<Point<'a>> {
         let posterior = now.final_variances();
         [1.0, 0.3, 0.05].into_iter().find_map(|weak| {
             let squares = self.scales.best_alone(&now.given, &now.light, &posterior, &now.state.squares, weak);

@@ -7,7 +7,7 @@ use super::{
     InferenceSettings, LightInference, LightInferenceError, LightOperator, LightPosterior, NonNegativeLight,
     NonNegativeSettings,
 };
-use crate::inference::{Hyper, ProblemError};
+use crate::inference::{Hyperparameters, ProblemError};
 use crate::lighting::LightPrior;
 use crate::reflectance::BivariateTable;
 use crate::scene::Observations;
@@ -50,8 +50,8 @@ impl<'a> LightProblem<'a> {
     /// Builds the problem from the luminances of points of a BRDF (1/sr).
     ///
     /// `values` are the luminances (linear, `None` where not observed) of `points`. The light has
-    /// `settings.side` squared texels. The noise is that of [`Hyper::with_model_error`], with
-    /// variance inversely proportional to the `weights` of the points, if there are any.
+    /// `settings.side` squared texels. The noise is that of [`Hyperparameters::with_model_error`],
+    /// with variance inversely proportional to the `weights` of the points, if there are any.
     ///
     /// # Panics
     /// If there are not as many weights as points.
@@ -77,7 +77,7 @@ impl<'a> LightProblem<'a> {
             operator.scale_rows(&roots);
             target.iter_mut().zip(&roots).for_each(|(t, root)| *t *= root);
         }
-        let hyper = Hyper::with_model_error(target.len());
+        let hyper = Hyperparameters::with_model_error(target.len());
         let inference = LightInference::new(&target, 0.0, target.len(), operator.m(), prior, hyper)?;
         Ok(Self { design: inference.design(operator), target, inference })
     }
@@ -94,7 +94,14 @@ impl<'a> LightProblem<'a> {
         prior: &'a LightPrior,
         settings: &PlanSettings,
     ) -> Result<Self, LightError> {
-        Self::new(observations.seen(), &observations.values, Some(&observations.weights), table, prior, settings)
+        Self::new(
+            observations.points_with_visibility(),
+            &observations.values,
+            Some(&observations.weights),
+            table,
+            prior,
+            settings,
+        )
     }
 
     /// Number of observations.

@@ -23,7 +23,7 @@ pub(super) struct Scales<'a> {
 /// Gaussian prior for given expected squares of the light, and the constant that it adds to the
 /// bound.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Given {
+pub(super) struct ConditionalPrior {
     /// `1 / d_m` with `d_m = sum_n r_n / s_n^2`; zero for a constant.
     pub(super) variances: Vec<f64>,
     /// `sum_m { sum_n r_n (log pi_n - log r_n - log(s_n^2) / 2) - log(d_m) / 2 }`, at most zero up
@@ -84,7 +84,7 @@ impl<'a> Scales<'a> {
     ///
     /// For the expected squares `<l_m^2>` (M), `r_n` is proportional to
     /// `pi_n / s_n exp(-<l^2> / (2 s_n^2))`.
-    pub(super) fn given(&self, squares: &[f64]) -> Given {
+    pub(super) fn given(&self, squares: &[f64]) -> ConditionalPrior {
         let mut constant = 0.0;
         let variance = |(density, square): (&Density<'_>, &f64)| match density {
             Density::Constant(_) => 0.0,
@@ -96,7 +96,7 @@ impl<'a> Scales<'a> {
             }
         };
         let variances = self.densities.iter().zip(squares).map(variance).collect();
-        Given { variances, constant }
+        ConditionalPrior { variances, constant }
     }
 
     /// Returns the expected squares whose responsibilities are optimal for every mixture by itself.
@@ -110,7 +110,7 @@ impl<'a> Scales<'a> {
     /// its present component, since the bound has a local maximum at each.
     pub(super) fn best_alone(
         &self,
-        given: &Given,
+        given: &ConditionalPrior,
         light: &[f64],
         posterior: &[f64],
         squares: &[f64],

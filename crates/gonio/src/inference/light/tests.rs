@@ -98,7 +98,7 @@ impl Toy {
             pixels: self.pixels,
             scale: 1.0,
             scales: Scales::new(DC, &priors),
-            hyper: Hyper { exposure_rate: 0.2, noise_shape: 2.0, noise_rate: 0.01 },
+            hyper: Hyperparameters { exposure_rate: 0.2, noise_shape: 2.0, noise_rate: 0.01 },
         }
     }
 
@@ -313,7 +313,7 @@ fn exposure_and_noise_reach_their_optimum() {
     let bound = |g: f64, b: f64| {
         let (log_g, log_b) = (g.ln(), b.ln());
         let start = State { log_g, log_b, ..got.state.clone() };
-        inference.climb(&design, start, &known(g, b)).unwrap().bound
+        inference.maximise(&design, start, &known(g, b)).unwrap().bound
     };
     let step = 1e-4_f64.exp();
     let by_g = (bound(g * step, b) - bound(g / step, b)) / 2e-4 + 1.0 - inference.hyper.exposure_rate * g;
@@ -358,7 +358,8 @@ fn scaling_the_image_scales_exposure_and_noise_alone() {
     let evidence = |planted: &Planted| {
         let image = &planted.image;
         let (target, prior) = (&image.target, &planted.prior);
-        let inference = LightInference::new(target, image.outside, image.pixels, 16, prior, Hyper::default()).unwrap();
+        let inference =
+            LightInference::new(target, image.outside, image.pixels, 16, prior, Hyperparameters::default()).unwrap();
         inference.posterior(&operator, &tight()).unwrap()
     };
     let one = evidence(&planted);
@@ -379,7 +380,7 @@ fn result_is_independent_of_threads() {
     let light: Vec<f64> = (0..m).map(|_| 0.1 * Distribution::<f64>::sample(&StandardNormal, &mut rng)).collect();
     let target = bilinear.apply(&light, &[0.5, 1.0]);
     let prior = crate::transfer::toy_prior(16);
-    let inference = LightInference::new(&target, 0.0, rows, m, &prior, Hyper::default()).unwrap();
+    let inference = LightInference::new(&target, 0.0, rows, m, &prior, Hyperparameters::default()).unwrap();
     let settings = InferenceSettings { max_steps: 5, ..Default::default() };
     let run = || inference.posterior(&LightOperator::of_reflectance(&bilinear, &[0.5, 1.0]), &settings).unwrap();
     assert_eq!(on_threads(1, run), on_threads(3, run));

@@ -43,7 +43,7 @@ pub(super) struct Truncated {
 const DAMPING: f64 = 0.7;
 
 /// Smallest damping.
-const LEAST_DAMPING: f64 = 0.2;
+const MIN_DAMPING: f64 = 0.2;
 
 /// Approximates `exp(-x'Hx / 2 + c'x)` on `x >= 0` by a Gaussian.
 ///
@@ -99,7 +99,7 @@ pub(super) fn truncated(
             return Some(Truncated { mean, root, change, steps });
         }
         if change > last {
-            damping = (0.7 * damping).max(LEAST_DAMPING);
+            damping = (0.7 * damping).max(MIN_DAMPING);
         }
         last = change;
         before = Some(mean);

@@ -19,10 +19,10 @@ pub(super) const LITTER: usize = 8;
 ///
 /// The unit is the difference between two other materials. With this value, bred materials vary as
 /// much as the measured ones.
-const STEP: f64 = 0.4;
+const BREEDING_STEP: f64 = 0.4;
 
 /// Largest step, in the same unit.
-const LONGEST_STEP: f64 = 0.8;
+const MAX_STEP: f64 = 0.8;
 
 /// Widths of the analytic lobes; mixtures of neighbouring lobes give the widths between them.
 pub(super) const ALPHAS: [f64; 15] =
@@ -105,7 +105,7 @@ fn breed(measured: &LogBasis, rng: &mut Pcg64) -> Vec<f64> {
     let [one, two, from, to] = [parent(), parent(), parent(), parent()];
     let share: f64 = rng.random_range(0.0..1.0);
     let step: f64 = StandardNormal.sample(rng);
-    let step = (STEP * step).clamp(-LONGEST_STEP, LONGEST_STEP);
+    let step = (BREEDING_STEP * step).clamp(-MAX_STEP, MAX_STEP);
     let child = |k: usize| {
         let [one, two, from, to] = [one, two, from, to].map(|parent| f64::from(parent[k]));
         share * one + (1.0 - share) * two + step * (to - from)

@@ -1,9 +1,9 @@
 //! Prior of materials: measured ones, analytic ones, and interpolations between them.
 //!
 //! A hundred measured materials are samples of `p(F)`, too few to represent every paint. Other
-//! kinds of materials ([`Kind`]) fill the space between and around them. Some modify or combine
-//! measured materials: they narrow or widen highlights, interpolate, or add a second material, a
-//! diffuse reflector or a coat. Others are formulas of dielectrics, metals and cloth.
+//! kinds of materials ([`MaterialKind`]) fill the space between and around them. Some modify or
+//! combine measured materials: they narrow or widen highlights, interpolate, or add a second
+//! material, a diffuse reflector or a coat. Others are formulas of dielectrics, metals and cloth.
 //!
 //! Every material is a non-negative mixture of a fixed set of *components*, so a few numbers
 //! describe it. A smooth random [`MaterialField`] multiplies most mixtures, since no real material
@@ -24,10 +24,10 @@ use crate::linalg::principal_axes;
 use components::Layout;
 pub use field::MaterialField;
 pub(crate) use field::unit_field;
-pub use prior::{Kind, Prior};
+pub use prior::{MaterialKind, Prior};
 
-/// Floor of the logarithm in [`Coordinates`], relative to the median of a table.
-const FLOOR: f64 = 1e-3;
+/// Floor of the logarithm in [`LatentSpace`], relative to the median of a table.
+const LOG_FLOOR: f64 = 1e-3;
 
 /// Components of albedo one, with weights that are positive and sum to one.
 pub type Mixture = Vec<(usize, f64)>;
@@ -44,7 +44,7 @@ pub struct DrawnMaterial {
 /// Coordinates of the space of materials: principal axes of the logarithm of tables without their
 /// scale, over the trusted cells.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Coordinates {
+pub struct LatentSpace {
     /// Mean of the logarithms over the prior, one value for each cell; zero in cells that are not
     /// trusted.
     pub mean: Vec<f32>,
@@ -65,9 +65,9 @@ pub struct Dictionary {
     /// Entries: each measured material alone, then draws from the prior.
     pub entries: Vec<DrawnMaterial>,
     /// Coordinates of the space of materials.
-    pub coordinates: Coordinates,
+    pub latent_space: LatentSpace,
     /// Coordinates of each entry.
-    pub places: Vec<Vec<f64>>,
+    pub coordinates: Vec<Vec<f64>>,
 }
 
 /// Settings of a dictionary.
@@ -89,7 +89,7 @@ impl Default for DictionarySettings {
     }
 }
 
-impl Coordinates {
+impl LatentSpace {
     /// Computes the coordinates of a table, which do not depend on its scale.
     pub fn of(&self, table: &BivariateTable) -> Vec<f64> {
         let mut log = relative_log(table);
@@ -146,7 +146,7 @@ pub(crate) fn relative_log(table: &BivariateTable) -> Vec<f64> {
     let mut kept: Vec<f32> = trusted_cells().map(|c| values[c]).collect();
     let count = kept.len();
     let (_, median, _) = kept.select_nth_unstable_by(count / 2, f32::total_cmp);
-    let floor = (FLOOR * f64::from(*median)).max(1e-30);
+    let floor = (LOG_FLOOR * f64::from(*median)).max(1e-30);
     let mut log = vec![0.0; CELLS];
     for c in trusted_cells() {
         log[c] = (f64::from(values[c]) + floor).ln();
@@ -170,12 +170,12 @@ impl Dictionary {
         let logs: Vec<Vec<f64>> = dictionary.entries.par_iter().map(|e| relative_log(&dictionary.table(e))).collect();
         let (mean, axes, variances) = principal_axes(&logs, settings.dimensions);
         let scaled = |(axis, v): (&Vec<f64>, &f64)| axis.iter().map(|a| (a / v.sqrt()) as f32).collect();
-        dictionary.coordinates = Coordinates {
+        dictionary.latent_space = LatentSpace {
             mean: mean.iter().map(|v| *v as f32).collect(),
             axes: axes.iter().zip(&variances).map(scaled).collect(),
         };
-        dictionary.places =
-            dictionary.entries.par_iter().map(|e| dictionary.coordinates.of(&dictionary.table(e))).collect();
+        dictionary.coordinates =
+            dictionary.entries.par_iter().map(|e| dictionary.latent_space.of(&dictionary.table(e))).collect();
         dictionary
     }
 
@@ -191,8 +191,8 @@ impl Dictionary {
             components,
             albedos,
             entries: Vec::new(),
-            coordinates: Coordinates { mean: Vec::new(), axes: Vec::new() },
-            places: Vec::new(),
+            latent_space: LatentSpace { mean: Vec::new(), axes: Vec::new() },
+            coordinates: Vec::new(),
         }
     }
 
@@ -243,18 +243,18 @@ mod tests {
     fn draws_are_mixtures_of_albedo_one() {
         let dictionary = Dictionary::new(measured(), &DictionarySettings { draws: 60, ..Default::default() });
         assert_eq!(dictionary.entries.len(), 65);
-        for (entry, place) in dictionary.entries.iter().zip(&dictionary.places) {
+        for (entry, place) in dictionary.entries.iter().zip(&dictionary.coordinates) {
             assert!((entry.mixture.iter().map(|(_, w)| w).sum::<f64>() - 1.0).abs() < 1e-12);
             let table = dictionary.table(entry);
             let plain = dictionary.table(&DrawnMaterial { field: None, ..entry.clone() });
             assert!((plain.normal_albedo() - 1.0).abs() < 1e-3);
-            for (a, b) in dictionary.coordinates.of(&table).iter().zip(place) {
+            for (a, b) in dictionary.latent_space.of(&table).iter().zip(place) {
                 assert!((a - b).abs() < 1e-3, "{a} {b}");
             }
         }
         // Coordinates have variance one over the entries.
-        for k in 0..dictionary.coordinates.axes.len() {
-            let square: f64 = dictionary.places.iter().map(|p| p[k] * p[k]).sum();
+        for k in 0..dictionary.latent_space.axes.len() {
+            let square: f64 = dictionary.coordinates.iter().map(|p| p[k] * p[k]).sum();
             assert!((square / 65.0 - 1.0).abs() < 1e-4);
         }
     }
@@ -265,14 +265,14 @@ mod tests {
         let prior = Prior { fields: 0.0, ..Prior::default() };
         let settings = DictionarySettings { draws: 40, dimensions: 6, prior, ..Default::default() };
         let dictionary = Dictionary::new(measured(), &settings);
-        let places = &dictionary.places[..8];
+        let places = &dictionary.coordinates[..8];
         let log_rms = |a: &BivariateTable, b: &BivariateTable| {
             let (a, b) = (relative_log(a), relative_log(b));
             (a.iter().zip(&b).map(|(a, b)| (a - b).powi(2)).sum::<f64>() / CELLS as f64).sqrt()
         };
-        for (at, (table, place)) in dictionary.coordinates.tables(places).iter().zip(places).enumerate() {
+        for (at, (table, place)) in dictionary.latent_space.tables(places).iter().zip(places).enumerate() {
             // The floor of the logarithm distorts values near it.
-            for (a, b) in dictionary.coordinates.of(table).iter().zip(place) {
+            for (a, b) in dictionary.latent_space.of(table).iter().zip(place) {
                 assert!((a - b).abs() < 0.1, "{at}: {a} {b}");
             }
             let error = log_rms(table, &dictionary.table(&dictionary.entries[at]));
@@ -285,7 +285,7 @@ mod tests {
         let dictionary = Dictionary::new(measured(), &DictionarySettings { draws: 20, ..Default::default() });
         let table = dictionary.table(&dictionary.entries[7]);
         let bright = table.scaled(50.0);
-        let (a, b) = (dictionary.coordinates.of(&table), dictionary.coordinates.of(&bright));
+        let (a, b) = (dictionary.latent_space.of(&table), dictionary.latent_space.of(&bright));
         assert!(a.iter().zip(&b).all(|(a, b)| (a - b).abs() < 1e-4));
     }
 }

@@ -10,7 +10,7 @@ use super::{Dictionary, DrawnMaterial, MaterialField, Mixture};
 /// Kinds of materials of the prior. A "material" below is a measured or a bred one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Kind {
+pub enum MaterialKind {
     /// A measured material.
     Measured,
     /// A measured material with highlights up to twice or half as wide.
@@ -36,7 +36,7 @@ pub enum Kind {
     Dark,
 }
 
-impl Kind {
+impl MaterialKind {
     /// All kinds, in the order of [`Prior::shares`].
     pub const ALL: [Self; 11] = [
         Self::Measured,
@@ -56,7 +56,8 @@ impl Kind {
 /// Probabilities of the kinds of materials.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Prior {
-    /// Relative frequency of each kind, in the order of [`Kind::ALL`]: not negative, not all zero.
+    /// Relative frequency of each kind, in the order of [`MaterialKind::ALL`]: not negative, not
+    /// all zero.
     pub shares: [f64; 11],
     /// Share of the materials whose table is multiplied by a smooth random [`MaterialField`],
     /// 0..=1.
@@ -76,9 +77,9 @@ impl Default for Prior {
 
 impl Prior {
     /// Returns the prior of only these kinds, in the proportions of the default.
-    pub fn of(kinds: &[Kind]) -> Self {
+    pub fn of(kinds: &[MaterialKind]) -> Self {
         let mut prior = Self::default();
-        for (share, kind) in prior.shares.iter_mut().zip(Kind::ALL) {
+        for (share, kind) in prior.shares.iter_mut().zip(MaterialKind::ALL) {
             if !kinds.contains(&kind) {
                 *share = 0.0;
             }
@@ -86,9 +87,9 @@ impl Prior {
         prior
     }
 
-    fn kind(&self, rng: &mut Pcg64) -> Kind {
+    fn kind(&self, rng: &mut Pcg64) -> MaterialKind {
         let mut at = rng.random_range(0.0..self.shares.iter().sum::<f64>());
-        for (share, kind) in self.shares.iter().zip(Kind::ALL) {
+        for (share, kind) in self.shares.iter().zip(MaterialKind::ALL) {
             if at < *share {
                 return kind;
             }
@@ -96,7 +97,7 @@ impl Prior {
         }
         // Round-off may leave `at` above all shares: use the last kind with a positive share.
         let last = self.shares.iter().rposition(|s| *s > 0.0);
-        Kind::ALL[last.unwrap_or(0)]
+        MaterialKind::ALL[last.unwrap_or(0)]
     }
 }
 
@@ -121,33 +122,33 @@ struct Draw<'a> {
 }
 
 impl Draw<'_> {
-    fn of(&mut self, kind: Kind) -> Mixture {
+    fn of(&mut self, kind: MaterialKind) -> Mixture {
         let share = self.between(0.0, 1.0);
         let mut parts = Vec::new();
         match kind {
-            Kind::Measured => parts.push((self.measured(), 1.0)),
-            Kind::Warped => self.warped(&mut parts),
-            Kind::Bred => parts.push((self.bred(), 1.0)),
-            Kind::Pair => parts.extend([(self.material(), share), (self.material(), 1.0 - share)]),
-            Kind::Based => {
+            MaterialKind::Measured => parts.push((self.measured(), 1.0)),
+            MaterialKind::Warped => self.warped(&mut parts),
+            MaterialKind::Bred => parts.push((self.bred(), 1.0)),
+            MaterialKind::Pair => parts.extend([(self.material(), share), (self.material(), 1.0 - share)]),
+            MaterialKind::Based => {
                 parts.push((self.material(), share));
                 self.diffuse(1.0 - share, &mut parts);
             }
-            Kind::Coated => {
+            MaterialKind::Coated => {
                 parts.push((self.material(), self.log_between(0.02, 0.8)));
                 self.lobes((0.02, 0.08), (0.0, 9.0), &mut parts);
             }
-            Kind::Dielectric => {
+            MaterialKind::Dielectric => {
                 let albedo = self.log_between(0.02, 0.8);
                 self.diffuse(albedo, &mut parts);
                 self.lobes((0.02, 0.08), (0.0, (ALPHAS.len() - 1) as f64), &mut parts);
             }
-            Kind::Metal => {
+            MaterialKind::Metal => {
                 let albedo = self.log_between(0.002, 0.2);
                 self.diffuse(albedo, &mut parts);
                 self.lobes((0.3, 1.0), (0.0, (ALPHAS.len() - 1) as f64), &mut parts);
             }
-            Kind::Cloth => {
+            MaterialKind::Cloth => {
                 let albedo = self.log_between(0.02, 0.8);
                 self.diffuse(albedo, &mut parts);
                 let sheen = self.layout.sheen(self.rng.random_range(0..SHEENS.len()));
@@ -157,7 +158,7 @@ impl Draw<'_> {
                     self.lobes((0.02, 0.08), (7.0, (ALPHAS.len() - 1) as f64), &mut parts);
                 }
             }
-            Kind::Flakes => {
+            MaterialKind::Flakes => {
                 let albedo = self.log_between(3e-4, 0.2);
                 self.diffuse(albedo, &mut parts);
                 let (f0, width, weight) =
@@ -166,7 +167,7 @@ impl Draw<'_> {
                 self.lobe(f0, width, tail, weight, &mut parts);
                 self.lobes((0.03, 0.06), (0.0, 5.0), &mut parts);
             }
-            Kind::Dark => {
+            MaterialKind::Dark => {
                 let albedo = self.log_between(5e-4, 0.02);
                 self.diffuse(albedo, &mut parts);
                 self.lobes((0.02, 0.08), (0.0, (ALPHAS.len() - 1) as f64), &mut parts);
@@ -271,21 +272,21 @@ mod tests {
         let mut counts = [0; 11];
         for _ in 0..4000 {
             let kind = Prior::default().kind(&mut rng);
-            counts[Kind::ALL.iter().position(|k| *k == kind).unwrap()] += 1;
+            counts[MaterialKind::ALL.iter().position(|k| *k == kind).unwrap()] += 1;
         }
         for (count, share) in counts.iter().zip(Prior::default().shares) {
             assert!((f64::from(*count) / 4000.0 - share).abs() < 0.03, "{counts:?}");
         }
         let made_of_measured = |c: usize| c < layout.diffuse(0);
         let sheen = |c: usize| (layout.sheen(0)..layout.sheen(SHEENS.len())).contains(&c);
-        for (at, kind) in Kind::ALL.into_iter().enumerate() {
+        for (at, kind) in MaterialKind::ALL.into_iter().enumerate() {
             for _ in 0..200 {
                 let DrawnMaterial { mixture, .. } = dictionary.draw(&Prior::of(&[kind]), &mut rng);
                 let sum: f64 = mixture.iter().map(|(_, w)| w).sum();
                 assert!((sum - 1.0).abs() < 1e-12 && mixture.iter().all(|m| m.0 < layout.count()));
                 assert_eq!(mixture.iter().any(|m| made_of_measured(m.0)), at < 6, "{kind:?}");
-                assert_eq!(mixture.iter().any(|m| sheen(m.0)), kind == Kind::Cloth);
-                if kind == Kind::Warped {
+                assert_eq!(mixture.iter().any(|m| sheen(m.0)), kind == MaterialKind::Cloth);
+                if kind == MaterialKind::Warped {
                     let material = |c: usize| if c < 3 { c } else { (c - 3) / WARPS.len() };
                     assert!(mixture.iter().all(|m| material(m.0) == material(mixture[0].0)), "{mixture:?}");
                 }

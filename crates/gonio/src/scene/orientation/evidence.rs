@@ -2,7 +2,7 @@
 
 use glam::{DVec2, DVec3};
 
-use super::{Fit, OrientationSettings};
+use super::{AxisFit, OrientationSettings};
 use crate::picture::Plane;
 use crate::scene::Correction;
 
@@ -60,7 +60,7 @@ impl<'a> Evidence<'a> {
     }
 
     /// Computes how well the order that results from a correction fits a surface.
-    pub(super) fn fit(&self, correction: Correction) -> Fit {
+    pub(super) fn fit(&self, correction: Correction) -> AxisFit {
         let settings = self.settings;
         let order = |n: DVec3| correction.apply(n.as_vec3()).as_dvec3();
         let z = correction.order[2];
@@ -75,8 +75,8 @@ impl<'a> Evidence<'a> {
         let is_rim = cosines.len() >= settings.fewest_at_rim
             && cosines.len() as f64 >= settings.rim_share * self.outline.len() as f64;
         let mean = |f: fn(f64) -> f64| cosines.iter().copied().map(f).sum::<f64>() / cosines.len() as f64;
-        Fit {
-            away: away as f64 / self.count as f64,
+        AxisFit {
+            back_facing: away as f64 / self.count as f64,
             circulation: self.circulation(order),
             rim: is_rim.then(|| (mean(|c| c), mean(f64::abs))),
         }

@@ -28,9 +28,9 @@ use crate::suggestion::Suggestion;
 
 /// Fit of an order of channels to a surface.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Fit {
+pub struct AxisFit {
     /// Share of normals that face away from the camera, 0 to 1.
-    pub away: f64,
+    pub back_facing: f64,
     /// Relative sum of the slopes around closed paths, 0 (a surface) to 1; `None` without evidence:
     /// too few pixels, or a shape such as an upright cylinder.
     pub circulation: Option<f64>,
@@ -39,7 +39,7 @@ pub struct Fit {
     pub rim: Option<(f64, f64)>,
 }
 
-impl Fit {
+impl AxisFit {
     fn outwards(&self) -> Option<f64> {
         self.rim.map(|r| r.0)
     }
@@ -52,7 +52,7 @@ impl Fit {
 
 /// Evidence that an order is wrong.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Fault {
+pub enum AxisFault {
     /// Many normals face away from the camera.
     Away,
     /// The slopes do not integrate to a surface.
@@ -65,9 +65,9 @@ pub enum Fault {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Orientation {
     /// Fit of the given order.
-    pub given: Fit,
+    pub given: AxisFit,
     /// Evidence that the given order is wrong, whether or not a correction fits.
-    pub fault: Option<Fault>,
+    pub fault: Option<AxisFault>,
     /// Corrections that fit, the most common first, if the given order clearly does not; otherwise
     /// empty. There are several if they cannot be distinguished, such as x or y flipped on a relief
     /// without a rim.
@@ -116,7 +116,7 @@ impl Orientation {
         let nothing = Self { given, fault, corrections: Vec::new(), confidence: 0.0 };
         let Some(contradicting) = fault else { return Ok(nothing) };
         let all = Correction::all().into_iter().map(|c| (c, evidence.fit(c)));
-        let mut fitting: Vec<(Correction, Fit)> =
+        let mut fitting: Vec<(Correction, AxisFit)> =
             all.filter(|(_, fit)| settings.mends(contradicting, &given, fit)).collect();
         let least = fitting.iter().filter_map(|f| f.1.circulation).fold(f64::INFINITY, f64::min);
         fitting.retain(|f| f.1.circulation.is_some_and(|c| c < least + settings.tied));
@@ -127,7 +127,7 @@ impl Orientation {
         }
         let Some((_, first)) = fitting.first() else { return Ok(nothing) };
         let straighter = first.rim.zip(given.rim).map_or(0.0, |(a, b)| a.1 - b.1);
-        let grounds = [given.away - first.away, first.gain_over(&given).unwrap_or(0.0), straighter];
+        let grounds = [given.back_facing - first.back_facing, first.gain_over(&given).unwrap_or(0.0), straighter];
         let confidence = grounds.into_iter().fold(0.0, f64::max).min(1.0);
         Ok(Self { given, fault, corrections: fitting.iter().map(|f| f.0).collect(), confidence })
     }
@@ -136,11 +136,11 @@ impl Orientation {
     pub(crate) fn contradiction(&self) -> Option<Contradiction> {
         let first = self.corrections.first()?;
         let why = match self.fault? {
-            Fault::Away => format!("{:.0} % of them face away from the camera", 100.0 * self.given.away),
-            Fault::Open => {
+            AxisFault::Away => format!("{:.0} % of them face away from the camera", 100.0 * self.given.back_facing),
+            AxisFault::Open => {
                 format!("their slopes are not integrable (error {:.0} %)", 100.0 * self.given.circulation?)
             }
-            Fault::Across => "they do not point outwards at the outline".to_owned(),
+            AxisFault::Across => "they do not point outwards at the outline".to_owned(),
         };
         let complaint = format!("the normals seem to have {}: {why}", first.words());
         Some(Contradiction { complaint, corrections: self.corrections.iter().take(3).copied().collect() })

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{Fault, Fit};
+use super::{AxisFault, AxisFit};
 
 /// Settings of the test of a normal map's channels.
 ///
@@ -47,7 +47,7 @@ pub struct OrientationSettings {
     /// Smallest difference between the circulation of a wrong order and that of its correction.
     /// Orders of pure noise differ by 0.03, those of a noisy cylinder by up to 0.33; a flip differs
     /// by at least 0.64 with noise of 0.02.
-    pub apart: f64,
+    pub min_circulation_gain: f64,
     /// Largest increase in circulation by a correction for which the rim is the only evidence. The
     /// correction of swapped maps decreases the circulation by 0.27 or more; with noise of 0.02 it
     /// leaves the circulation unchanged in the worst case, which requires this slack.
@@ -94,7 +94,7 @@ impl Default for OrientationSettings {
             least_twist: 0.05,
             closed: 0.35,
             open: 0.65,
-            apart: 0.4,
+            min_circulation_gain: 0.4,
             slack: 0.05,
             tied: 0.1,
             reach: 4,
@@ -110,24 +110,26 @@ impl Default for OrientationSettings {
 
 impl OrientationSettings {
     /// Returns the most reliable evidence that an order is wrong, if there is any.
-    pub(super) fn fault(&self, given: &Fit) -> Option<Fault> {
-        if given.away > self.grossly_away {
-            return Some(Fault::Away);
+    pub(super) fn fault(&self, given: &AxisFit) -> Option<AxisFault> {
+        if given.back_facing > self.grossly_away {
+            return Some(AxisFault::Away);
         }
         if given.circulation.is_some_and(|c| c > self.open) {
-            return Some(Fault::Open);
+            return Some(AxisFault::Open);
         }
-        given.rim.is_some_and(|r| r.1 < self.across).then_some(Fault::Across)
+        given.rim.is_some_and(|r| r.1 < self.across).then_some(AxisFault::Across)
     }
 
     /// Whether an order removes the fault of the given one and makes nothing worse.
-    pub(super) fn mends(&self, fault: Fault, given: &Fit, other: &Fit) -> bool {
+    pub(super) fn mends(&self, fault: AxisFault, given: &AxisFit, other: &AxisFit) -> bool {
         let gain = other.gain_over(given);
         let mended = match fault {
-            Fault::Away => true,
-            Fault::Open => gain.is_some_and(|gain| gain > self.apart),
-            Fault::Across => other.rim.is_some_and(|r| r.1 > self.along) && gain.is_none_or(|gain| gain > -self.slack),
+            AxisFault::Away => true,
+            AxisFault::Open => gain.is_some_and(|gain| gain > self.min_circulation_gain),
+            AxisFault::Across => {
+                other.rim.is_some_and(|r| r.1 > self.along) && gain.is_none_or(|gain| gain > -self.slack)
+            }
         };
-        mended && other.away <= self.most_away && other.circulation.is_some_and(|c| c < self.closed)
+        mended && other.back_facing <= self.most_away && other.circulation.is_some_and(|c| c < self.closed)
     }
 }

@@ -26,9 +26,9 @@ const DIFFERENCE: [usize; 10] = [0, 10, 20, 30, 40, 50, 60, 68, 74, 79];
 /// Azimuths `phi_d` in degrees.
 const AZIMUTHS: [f64; 3] = [0.0, 90.0, 180.0];
 /// Floor of the fitted logarithm relative to the mean; differences below it hardly count.
-const FLOOR: f64 = 0.1;
+const LOG_FLOOR: f64 = 0.1;
 /// Degrees between azimuths of the tables by which fits are compared.
-const FINE: usize = 6;
+const FINE_AZIMUTHS: usize = 6;
 /// Number of starts, those with the smallest error, that are fitted to the samples.
 const PROMISING: usize = 5;
 /// Number of fits to the samples that are refined on the picture.
@@ -103,7 +103,7 @@ impl Fitter {
         let body = std::f64::consts::PI * at(60_f64.to_radians(), 30_f64.to_radians());
         let albedo = DVec3::from_array(tables.each_ref().map(BivariateTable::normal_albedo));
         let highlight = (albedo - body).max(DVec3::splat(0.01));
-        let floor = FLOOR * albedo.element_sum() / 3.0 / std::f64::consts::PI;
+        let floor = LOG_FLOOR * albedo.element_sum() / 3.0 / std::f64::consts::PI;
         for sample in &mut samples {
             sample.logs = logs(sample.logs * sample.wi.z, floor);
         }
@@ -229,7 +229,7 @@ impl Fitter {
 
     /// Computes the errors of a model.
     pub fn judge<S: Shading>(&self, model: S) -> Fitted<S> {
-        let (relight, log_relight) = self.compare(&model.to_bivariate(FINE));
+        let (relight, log_relight) = self.compare(&model.to_bivariate(FINE_AZIMUTHS));
         Fitted { model, relight, log_relight }
     }
 
@@ -285,7 +285,7 @@ mod tests {
 
     /// Fits a model to its own table.
     fn found_again<S: Shading>(parameters: &[f64], log: f64) -> S {
-        let tables = S::of(parameters).to_bivariate(FINE);
+        let tables = S::of(parameters).to_bivariate(FINE_AZIMUTHS);
         let found = Fitter::new(&tables).fit::<S>();
         assert!(found.log_relight < log, "{} {}", found.relight, found.log_relight);
         found.model
@@ -330,7 +330,7 @@ mod tests {
     #[test]
     fn recovers_the_scale_of_a_dark_plastic() {
         let model = Layered::of(&[0.04, 0.03, 0.02, 0.0, 0.3, 1.5, 1.0, 1.0, 1.0, 0.0, 0.02]);
-        let tables = model.to_bivariate(FINE);
+        let tables = model.to_bivariate(FINE_AZIMUTHS);
         let brighter = 0.5 / BivariateTable::luminance(&tables).normal_albedo();
         assert!(brighter > 5.0);
         let fitter = Fitter::new(&tables.map(|table| table.scaled(brighter)));
@@ -343,8 +343,8 @@ mod tests {
 
     #[test]
     fn jacobian_matches_finite_differences() {
-        let tables =
-            MetallicRoughness::of(&[0.5, 0.2, 0.1, 0.3, 0.35, 1.4, 1.0, 0.9, 0.8, 0.5, 0.4]).to_bivariate(FINE);
+        let tables = MetallicRoughness::of(&[0.5, 0.2, 0.1, 0.3, 0.35, 1.4, 1.0, 0.9, 0.8, 0.5, 0.4])
+            .to_bivariate(FINE_AZIMUTHS);
         let fitter = Fitter::new(&tables);
         let (start, free) = ([0.4, 0.3, 0.2, 0.2, 0.5, 1.5, 0.9, 1.0, 0.8, 0.4, 0.3], [0, 1, 3, 4, 5, 7, 9, 10]);
         let search = Search::<MetallicRoughness>::new(&fitter, &start, &free, Goal::Samples);

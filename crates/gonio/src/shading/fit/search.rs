@@ -4,11 +4,11 @@ use glam::DVec3;
 use levenberg_marquardt::LeastSquaresProblem;
 use nalgebra::{DMatrix, DVector, Dyn, Owned};
 
-use super::{FLOOR, Fitter, Sample, logs};
+use super::{Fitter, LOG_FLOOR, Sample, logs};
 use crate::shading::Shading;
 
 /// Step of the finite differences, in the argument of the logistic function.
-const STEP: f64 = 1e-4;
+const DIFFERENCE_STEP: f64 = 1e-4;
 
 /// Goal of a search.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -63,7 +63,7 @@ impl<'a, S: Shading> Search<'a, S> {
             let mean = self.fitter.mean();
             // The cube root is a compromise between the value, in which the peak dominates, and its
             // logarithm, in which the peak is a few pixels of many.
-            let bright = |c: DVec3| c.to_array().map(|c| (c / mean + FLOOR).cbrt());
+            let bright = |c: DVec3| c.to_array().map(|c| (c / mean + LOG_FLOOR).cbrt());
             let pixels = shown.iter().zip(&self.fitter.sketched);
             return pixels.flat_map(|(a, b)| (DVec3::from(bright(*a)) - DVec3::from(bright(*b))).to_array()).collect();
         }
@@ -96,8 +96,8 @@ impl<S: Shading> LeastSquaresProblem<f64, Dyn, Dyn> for Search<'_, S> {
         let (here, mut columns) = (self.off(&self.at), Vec::new());
         for k in 0..self.at.len() {
             let mut at = self.at.clone();
-            at[k] += STEP;
-            columns.extend(self.off(&at).iter().zip(&here).map(|(there, here)| (there - here) / STEP));
+            at[k] += DIFFERENCE_STEP;
+            columns.extend(self.off(&at).iter().zip(&here).map(|(there, here)| (there - here) / DIFFERENCE_STEP));
         }
         Some(DMatrix::from_vec(columns.len() / self.at.len(), self.at.len(), columns))
     }

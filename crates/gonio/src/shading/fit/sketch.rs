@@ -17,7 +17,7 @@ const ALONG_D: [usize; 12] = [0, 10, 20, 30, 40, 50, 60, 68, 74, 79, 84, 89];
 const AZIMUTHS: usize = 20;
 
 /// Smallest mean product of both cosines by which a model is scaled for interpolation.
-const LEAST_COSINES: f64 = 1e-3;
+const MIN_COSINES: f64 = 1e-3;
 
 /// Step between the points of the sphere that are used.
 const POINTS: usize = 3;
@@ -45,7 +45,7 @@ impl Sketch {
                 let (h, d) = angles_of(cell);
                 let all = above(h, d);
                 let sum: f64 = all.iter().map(|(wi, wo)| wi.z * wo.z).sum();
-                (sum / all.len().max(1) as f64).max(LEAST_COSINES) as f32
+                (sum / all.len().max(1) as f64).max(MIN_COSINES) as f32
             })
             .collect();
         let rows = (0..relighters[0].len()).step_by(POINTS);

@@ -45,13 +45,13 @@ fn highlights(r: Vec3, power: f32) -> Vec3 {
 }
 
 fn found(rgb: &Plane<Vec3>, convex: bool) -> usize {
-    foreign(rgb, &usable, &Underlay { normal: &normal, convex })
+    segment_paint(rgb, &usable, &SurfaceGeometry { normal: &normal, convex })
         .map_or(0, |plane| plane.as_slice().iter().filter(|taken| **taken).count())
 }
 
 /// Shares of the pixels inside and outside a spot that are detected as another colour.
 fn lost(rgb: &Plane<Vec3>, inside: impl Fn(Vec3) -> bool, convex: bool) -> (f64, f64) {
-    let taken = foreign(rgb, &usable, &Underlay { normal: &normal, convex });
+    let taken = segment_paint(rgb, &usable, &SurfaceGeometry { normal: &normal, convex });
     let share = |spot: bool| {
         let all =
             (0..SIZE * SIZE).map(|i| (i % SIZE, i / SIZE)).filter(|at| usable(*at) && inside(normal(*at)) == spot);
@@ -167,5 +167,8 @@ fn keeps_large_areas_of_another_colour() {
 fn grey_and_empty_pictures_have_no_other_colour() {
     assert_eq!(found(&ball(|n, _| Vec3::splat(n.z)), true), 0);
     assert_eq!(found(&ball(|_, _| Vec3::ZERO), true), 0);
-    assert!(foreign(&ball(|_, _| Vec3::ONE), &|_| false, &Underlay { normal: &normal, convex: true }).is_none());
+    assert!(
+        segment_paint(&ball(|_, _| Vec3::ONE), &|_| false, &SurfaceGeometry { normal: &normal, convex: true })
+            .is_none()
+    );
 }

@@ -164,10 +164,10 @@ fn detects_or_rejects_balls_on_textures() {
     for (kind, backdrop) in BACKDROPS.into_iter().enumerate() {
         for seed in 0..SEEDS {
             let (picture, want) = photograph(backdrop, 1000 * kind as u64 + seed);
-            match spot(&picture, None) {
+            match detect_ball(&picture, None) {
                 // A pixel and a half exceeds a hundredth of the radius of a small ball.
                 Ok(spotted) if is_near(&spotted.circle, &want, f64::max(0.01, 1.5 / want.radius)) => right += 1,
-                Ok(spotted) => wrong.push((backdrop, seed, want, spotted.circle, spotted.sureness)),
+                Ok(spotted) => wrong.push((backdrop, seed, want, spotted.circle, spotted.reliability)),
                 Err(_) => {}
             }
         }
@@ -185,7 +185,9 @@ fn detects_no_ball_in_backdrops_alone() {
             let mut rng = Pcg64::seed_from_u64(50_000 + 1000 * kind as u64 + seed);
             let behind = scenery(backdrop, &SETS[seed as usize % SETS.len()], &mut rng);
             let rgb = Plane::from_fn(WIDTH, HEIGHT, |x, y| behind(x as f64 + 0.5, y as f64 + 0.5));
-            if let Ok(Spotted { circle, sureness, .. }) = spot(&Picture { rgb, alpha: None }, None) {
+            if let Ok(BallDetection { circle, reliability: sureness, .. }) =
+                detect_ball(&Picture { rgb, alpha: None }, None)
+            {
                 found.push((backdrop, seed, circle, sureness));
             }
         }
@@ -201,7 +203,7 @@ fn rejects_two_balls_on_a_texture() {
     let mut rgb = Plane::from_fn(WIDTH, HEIGHT, |x, y| behind(x as f64 + 0.5, y as f64 + 0.5));
     let circles = [Circle { x: 120.0, y: 170.0, radius: 80.0 }, Circle { x: 350.0, y: 190.0, radius: 84.0 }];
     circles.iter().for_each(|circle| put(&mut rgb, &set.balls[1], circle, 1.0));
-    let refused = spot(&Picture { rgb, alpha: None }, None).err().unwrap();
+    let refused = detect_ball(&Picture { rgb, alpha: None }, None).err().unwrap();
     let SceneError::Unsure { candidates } = &refused else { panic!("{refused}") };
     assert!(candidates.len() <= 5);
     for circle in circles {
@@ -259,7 +261,8 @@ fn detects_balls_despite_noise_and_compression_losses() {
             *pixel = (*pixel + 0.01 * gauss).clamp(Vec3::ZERO, Vec3::ONE);
         }
         let rgb = compressed(&rgb);
-        let spotted = spot(&Picture { rgb, alpha: None }, None).unwrap_or_else(|error| panic!("{seed}: {error}"));
+        let spotted =
+            detect_ball(&Picture { rgb, alpha: None }, None).unwrap_or_else(|error| panic!("{seed}: {error}"));
         assert!(is_near(&spotted.circle, &want, 0.013), "{seed}: {want:?} {:?}", spotted.circle);
         assert!(spotted.coverage.is_none());
     }
@@ -279,7 +282,7 @@ fn shapes(inside: impl Fn(f64, f64) -> bool) -> Picture {
 fn reports_separate_objects() {
     let ball = |x: f64, y: f64| (x - 130.0).hypot(y - 180.0) < 80.0;
     let card = |x: f64, y: f64| (300.0..420.0).contains(&x) && (100.0..240.0).contains(&y);
-    let refused = spot(&shapes(|x, y| ball(x, y) || card(x, y)), None).err().unwrap();
+    let refused = detect_ball(&shapes(|x, y| ball(x, y) || card(x, y)), None).err().unwrap();
     let SceneError::Several { objects } = &refused else { panic!("{refused}") };
     assert_eq!(objects.len(), 2);
     let round = objects.iter().find_map(|object| object.circle).unwrap();
@@ -290,7 +293,7 @@ fn reports_separate_objects() {
     assert!(refused.to_string().starts_with("detected 2 separate objects: (1) "), "{refused}");
     // Objects that are small compared with the largest are ignored.
     let speck = |x: f64, y: f64| (300.0..320.0).contains(&x) && (100.0..120.0).contains(&y);
-    let found = spot(&shapes(|x, y| ball(x, y) || speck(x, y)), None).unwrap().circle;
+    let found = detect_ball(&shapes(|x, y| ball(x, y) || speck(x, y)), None).unwrap().circle;
     assert!(is_near(&found, &Circle { x: 130.0, y: 180.0, radius: 80.0 }, 0.01), "{found:?}");
 }
 
@@ -302,7 +305,7 @@ fn suggests_normals_and_meshes_for_outlines_that_are_not_ellipses() {
         at.length() < 100.0 + 50.0 * (5.0 * at.to_angle()).cos()
     });
     for picture in [bar, star] {
-        let refused = spot(&picture, None).err().unwrap();
+        let refused = detect_ball(&picture, None).err().unwrap();
         let suggestions = refused.suggestions();
         assert!(
             suggestions.contains(&Suggestion::Normals) && suggestions.contains(&Suggestion::Mesh),
@@ -335,7 +338,8 @@ fn rejects_objects_that_are_nearly_balls() {
                 let value = if inside(u, v) { Vec3::splat(2.0) } else { behind };
                 value * (1.0 + 0.01 * rng.random_range(-1.0..1.0_f32))
             });
-            let spotted = spot(&Picture { rgb, alpha: None }, None).map(|spotted| (spotted.circle, spotted.sureness));
+            let spotted =
+                detect_ball(&Picture { rgb, alpha: None }, None).map(|spotted| (spotted.circle, spotted.reliability));
             assert!(spotted.is_err(), "{shape} {plain}: {spotted:?}");
         }
     }
@@ -346,8 +350,8 @@ fn the_result_does_not_depend_on_the_number_of_threads() {
     let (picture, _) = photograph(Backdrop::Scales, 7);
     let all = |threads| {
         on_threads(threads, || {
-            let small = Small::of(&picture.rgb, SIDE);
-            Vote::of(&picture.rgb, &small, &Edges::of(&small), None)
+            let small = Small::of(&picture.rgb, REDUCED_SIDE);
+            CircleDetection::of(&picture.rgb, &small, &Edges::of(&small), None)
         })
     };
     assert_eq!(all(1), all(3));
@@ -373,7 +377,7 @@ proptest! {
             Vec3::new(value, 0.5 * value, value)
         });
         let picture = Picture { rgb, alpha: None };
-        if let Ok(spotted) = spot(&picture, None) {
+        if let Ok(spotted) = detect_ball(&picture, None) {
             prop_assert!(spotted.circle.radius.is_finite() && spotted.circle.radius > 0.0);
         }
         let _ = outlined(&picture, None);

@@ -4,17 +4,17 @@ use glam::Vec3;
 
 use super::background::plain_coverage;
 use super::balls::single;
-use super::circle::{FoundCircle, outline};
+use super::circle::{DetectedCircle, outline};
+use super::circle_detection::{CircleDetection, OutlineReliability, SURE};
 use super::circle_fit::fit_circle;
 use super::edges::Edges;
 use super::rim::polished;
 use super::small::Small;
-use super::vote::{SURE, Sureness, Vote};
 use super::{Circle, SceneError, coverage_of, find_sphere};
 use crate::picture::{Picture, Plane};
 
 /// Longer side of the reduced picture in which the object is detected, in pixels.
-pub(super) const SIDE: usize = 512;
+pub(super) const REDUCED_SIDE: usize = 512;
 /// Smallest share of the object on a plain background that a circle detected by its edges must
 /// contain.
 const HELD: f64 = 0.9;
@@ -27,13 +27,13 @@ const CRISP: f64 = 0.6;
 const ROUGH: (f64, f64) = (3.0, 0.06);
 
 /// A detected ball.
-pub(super) struct Spotted {
+pub(super) struct BallDetection {
     /// Outline of the ball.
     pub(super) circle: Circle,
     /// Coverage by mask, alpha channel or constant background; `None` without them.
     pub(super) coverage: Option<Plane<f32>>,
     /// Reliability of the outline, if it was detected by a vote.
-    pub(super) sureness: Option<Sureness>,
+    pub(super) reliability: Option<OutlineReliability>,
 }
 
 /// Detects the ball in a picture.
@@ -46,7 +46,7 @@ pub(super) struct Spotted {
 /// Errors of the outline; [`SceneError::Several`] for several objects without a mask;
 /// [`SceneError::Unsure`] if no circle is distinct enough; [`SceneError::NoOutline`] if there is no
 /// circle.
-pub(super) fn spot(picture: &Picture, mask: Option<&Plane<f32>>) -> Result<Spotted, SceneError> {
+pub(super) fn detect_ball(picture: &Picture, mask: Option<&Plane<f32>>) -> Result<BallDetection, SceneError> {
     let known = coverage_of(picture, mask).map(|coverage| {
         let ball = in_coverage(&coverage, mask.is_some());
         (coverage, ball)
@@ -57,12 +57,12 @@ pub(super) fn spot(picture: &Picture, mask: Option<&Plane<f32>>) -> Result<Spott
         Some((_, Err(_))) => of_background,
         None => true,
     };
-    let told = if by_edges { by_vote(&picture.rgb) } else { Err(SceneError::NoOutline) };
-    match (told, known) {
-        (Ok((circle, sureness)), _) => Ok(Spotted { circle, coverage: None, sureness: Some(sureness) }),
+    let detected = if by_edges { detect_by_edges(&picture.rgb) } else { Err(SceneError::NoOutline) };
+    match (detected, known) {
+        (Ok((circle, sureness)), _) => Ok(BallDetection { circle, coverage: None, reliability: Some(sureness) }),
         // The background value is exact, except for compression losses.
         (Err(_), Some((coverage, Ok(ball)))) => {
-            Ok(Spotted { circle: ball.circle, coverage: Some(coverage), sureness: None })
+            Ok(BallDetection { circle: ball.circle, coverage: Some(coverage), reliability: None })
         }
         // A texture of few values, such as stripes, is not a background.
         (Err(SceneError::Unsure { candidates }), Some((_, Err(_)))) => Err(SceneError::Unsure { candidates }),
@@ -74,7 +74,7 @@ pub(super) fn spot(picture: &Picture, mask: Option<&Plane<f32>>) -> Result<Spott
 /// Detects the single ball in a coverage.
 ///
 /// If the coverage is a `given` mask, only its largest part counts.
-fn in_coverage(coverage: &Plane<f32>, given: bool) -> Result<FoundCircle, SceneError> {
+fn in_coverage(coverage: &Plane<f32>, given: bool) -> Result<DetectedCircle, SceneError> {
     if !given {
         single(coverage, |part| find_sphere(part).ok().map(|ball| ball.circle))?;
     }
@@ -82,16 +82,16 @@ fn in_coverage(coverage: &Plane<f32>, given: bool) -> Result<FoundCircle, SceneE
 }
 
 /// Whether an outline is as accurate as that of a picture without compression losses.
-pub(super) fn is_crisp(ball: &FoundCircle) -> bool {
+pub(super) fn is_crisp(ball: &DetectedCircle) -> bool {
     ball.residual <= CRISP
 }
 
 /// Detects the most distinct circle.
-fn by_vote(rgb: &Plane<Vec3>) -> Result<(Circle, Sureness), SceneError> {
-    let small = Small::of(rgb, SIDE);
+fn detect_by_edges(rgb: &Plane<Vec3>) -> Result<(Circle, OutlineReliability), SceneError> {
+    let small = Small::of(rgb, REDUCED_SIDE);
     let edges = Edges::of(&small);
     let Some(coverage) = plain_coverage(&small, rgb.size()) else {
-        let vote = Vote::of(rgb, &small, &edges, None);
+        let vote = CircleDetection::of(rgb, &small, &edges, None);
         return match vote.winner(false) {
             Some(winner) => Ok(winner),
             None if vote.candidates.is_empty() => Err(SceneError::NoOutline),
@@ -99,7 +99,7 @@ fn by_vote(rgb: &Plane<Vec3>) -> Result<(Circle, Sureness), SceneError> {
         };
     };
     single(&coverage, |part| on_edges(rgb, &small, &edges, part))?;
-    let vote = Vote::of(rgb, &small, &edges, rough(&coverage).as_ref());
+    let vote = CircleDetection::of(rgb, &small, &edges, rough(&coverage).as_ref());
     // If all foreground lies within the circle, no other object can be the ball.
     if let Some(winner) = vote.winner(true)
         && share_within(&coverage, &winner.0) >= HELD
@@ -122,7 +122,7 @@ fn rough(coverage: &Plane<f32>) -> Option<Circle> {
 
 /// Detects the outline of a ball on edges of the photograph near the outline of a coverage.
 pub(super) fn on_edges(rgb: &Plane<Vec3>, small: &Small, edges: &Edges, coverage: &Plane<f32>) -> Option<Circle> {
-    let (ring, circle) = edges.settled(rgb, small, &edges.ring(&rough(coverage)?))?;
+    let (ring, circle) = edges.refined(rgb, small, &edges.ring(&rough(coverage)?))?;
     let is_ball = edges.support(&ring) >= SURE && share_within(coverage, &circle) >= HELD;
     is_ball.then(|| polished(rgb, small, &circle))
 }
@@ -146,9 +146,10 @@ fn share_within(coverage: &Plane<f32>, circle: &Circle) -> f64 {
 /// The sources are those of [`coverage_of`], or else a background that is plain except for noise.
 ///
 /// # Errors
-/// [`SceneError::NoOutline`] if no source is available; [`SceneError::Several`] as for [`spot`].
+/// [`SceneError::NoOutline`] if no source is available; [`SceneError::Several`] as for
+/// [`detect_ball`].
 pub(crate) fn outlined(picture: &Picture, mask: Option<&Plane<f32>>) -> Result<Plane<f32>, SceneError> {
-    let plain = || plain_coverage(&Small::of(&picture.rgb, SIDE), picture.rgb.size());
+    let plain = || plain_coverage(&Small::of(&picture.rgb, REDUCED_SIDE), picture.rgb.size());
     let coverage = coverage_of(picture, mask).or_else(plain).ok_or(SceneError::NoOutline)?;
     if mask.is_none() {
         single(&coverage, |part| find_sphere(part).ok().map(|ball| ball.circle))?;

@@ -1,8 +1,8 @@
-//! JSON files in a folder of results, such as `result.json`.
+//! JSON files in a folder of results.
 
 use std::path::Path;
 
-use serde_json::Value;
+use serde::de::DeserializeOwned;
 
 use crate::Error;
 use crate::guard::read_whole;
@@ -14,8 +14,8 @@ const MAX_BYTES: u64 = 16 << 20;
 /// Reads a JSON file.
 ///
 /// # Errors
-/// If it cannot be read, is longer than 16 MiB, or is not valid JSON.
-pub fn read(path: &Path) -> Result<Value, Error> {
+/// If it cannot be read, is longer than 16 MiB, or does not have the form of `T`.
+pub fn read<T: DeserializeOwned>(path: &Path) -> Result<T, Error> {
     decode(path, &read_whole(path, MAX_BYTES)?)
 }
 
@@ -23,13 +23,15 @@ pub fn read(path: &Path) -> Result<Value, Error> {
 ///
 /// # Errors
 /// Like [`read`].
-pub fn decode(path: &Path, bytes: &[u8]) -> Result<Value, Error> {
+pub fn decode<T: DeserializeOwned>(path: &Path, bytes: &[u8]) -> Result<T, Error> {
     serde_json::from_slice(bytes).map_err(|error| Error::damaged(path, format!("is not valid JSON: {error}")))
 }
 
 #[cfg(test)]
 mod tests {
     use std::fs::File;
+
+    use serde_json::Value;
 
     use super::*;
     use crate::Kind;
@@ -40,10 +42,10 @@ mod tests {
         let path = dir.path().join("result.json");
         // A sparse file of 8 TB.
         File::create(&path).unwrap().set_len(1 << 43).unwrap();
-        assert_eq!(read(&path).unwrap_err().kind(), Kind::Limits);
+        assert_eq!(read::<Value>(&path).unwrap_err().kind(), Kind::Limits);
         std::fs::write(&path, "[".repeat(1 << 20)).unwrap();
-        assert_eq!(read(&path).unwrap_err().kind(), Kind::Damaged);
+        assert_eq!(read::<Value>(&path).unwrap_err().kind(), Kind::Damaged);
         std::fs::write(&path, "{\"a\": 1}").unwrap();
-        assert_eq!(read(&path).unwrap()["a"], 1);
+        assert_eq!(read::<Value>(&path).unwrap()["a"], 1);
     }
 }

@@ -31,52 +31,52 @@ const KNOWN: f32 = 0.5;
 /// chromaticity of dark pixels is unreliable.
 const DARK: f32 = 0.02;
 /// Change of chromaticity (natural logarithms of R/G and B/G) above which there is a step.
-const STEP: f64 = 0.25;
+const CHROMA_STEP: f64 = 0.25;
 /// Distance from a cell to each of the two cells between which this change is measured, in cells.
 const SPAN: usize = 2;
 /// Largest distance between the two sides of a step, in cells: a span on both sides, the smoothing
 /// and some blur. Light explains slower changes.
-const REACH: usize = 8;
+const MAX_STEP_DISTANCE: usize = 8;
 /// Half the side, in cells, of the window of the plane fit that extrapolates the outside.
 const WINDOW: usize = 4;
 /// Smallest number of cells of a region; smaller ones are kept.
-const LEAST_CELLS: usize = 12;
+const MIN_CELLS: usize = 12;
 /// Smallest share of the object that the rest must make up, in one piece.
-const LEAST_MAIN: f64 = 0.5;
+const MIN_MAIN: f64 = 0.5;
 /// Largest share of the object that may be ignored.
-const MOST_SHARE: f64 = 0.25;
+const MAX_SHARE: f64 = 0.25;
 /// Smallest compactness of a region, `4 pi area / perimeter^2`, one for a disc: less compact
 /// regions are fringes.
-const LEAST_COMPACT: f64 = 0.2;
+const MIN_COMPACT: f64 = 0.2;
 /// Smallest share of a region's border that lies against the rest of the object, not against its
 /// outline or other regions.
-const LEAST_BORDER: f64 = 0.5;
+const MIN_BORDER: f64 = 0.5;
 /// Smallest number of cells of that part of the border.
-const LEAST_PAIRS: usize = 8;
+const MIN_PAIRS: usize = 8;
 /// Cosine of the largest angle between the normals of both sides: 15 degrees.
 const ALIKE: f32 = 0.966;
 /// Smallest change of chromaticity across the step, in natural logarithms.
-const LEAST_CHANGE: f64 = 0.3;
+const MIN_CHANGE: f64 = 0.3;
 /// Smallest fall of one channel across the step, in natural logarithms.
-const LEAST_FALL: f64 = 0.15;
+const MIN_FALL: f64 = 0.15;
 /// Smallest rise of another channel, where one is required, in natural logarithms.
-const LEAST_RISE: f64 = 0.05;
+const MIN_RISE: f64 = 0.05;
 /// Largest variation along the step of the factor between the sides (median absolute deviation of
 /// its logarithm).
-const MOST_SPREAD: f64 = 0.1;
+const MAX_SPREAD: f64 = 0.1;
 /// Largest ratio of this variation to that of the outside.
-const MOST_RELATIVE: f64 = 0.5;
+const MAX_RELATIVE: f64 = 0.5;
 /// Smallest variation of the outside along the step (median absolute deviation of its logarithm).
-const LEAST_SHADING: f64 = 0.01;
+const MIN_SHADING: f64 = 0.01;
 /// Smallest chromaticity of a cell at the step that belongs to the region, as a share of the way
 /// from the outside to the inside.
 const MIXED: f64 = 0.2;
 /// Largest number of steps elsewhere that light cannot explain, relative to the number of steps
 /// around the ignored regions.
-const MOST_ELSEWHERE: f64 = 0.3;
+const MAX_ELSEWHERE: f64 = 0.3;
 
 /// Surface behind the pixels.
-pub(super) struct Underlay<'a> {
+pub(super) struct SurfaceGeometry<'a> {
     /// Unit normal of a pixel.
     pub(super) normal: &'a dyn Fn((usize, usize)) -> Vec3,
     /// Whether no part of the surface can shadow another.
@@ -101,7 +101,7 @@ fn chroma(tone: DVec3) -> DVec2 {
 }
 
 impl Cells {
-    fn of(rgb: &Plane<Vec3>, usable: &dyn Fn((usize, usize)) -> bool, underlay: &Underlay<'_>) -> Option<Self> {
+    fn of(rgb: &Plane<Vec3>, usable: &dyn Fn((usize, usize)) -> bool, underlay: &SurfaceGeometry<'_>) -> Option<Self> {
         let (mut low, mut high) = ((usize::MAX, usize::MAX), (0, 0));
         for (x, y) in (0..rgb.height()).flat_map(|y| (0..rgb.width()).map(move |x| (x, y))).filter(|at| usable(*at)) {
             low = (low.0.min(x), low.1.min(y));
@@ -194,16 +194,16 @@ fn solve_three(rows: [[f64; 3]; 3], right: [f64; 3]) -> Option<[f64; 3]> {
 }
 
 /// Detects the pixels of another colour that can be ignored safely; `None` without such pixels.
-pub(super) fn foreign(
+pub(super) fn segment_paint(
     rgb: &Plane<Vec3>,
     usable: &dyn Fn((usize, usize)) -> bool,
-    underlay: &Underlay<'_>,
+    underlay: &SurfaceGeometry<'_>,
 ) -> Option<Plane<bool>> {
     let cells = Cells::of(rgb, usable, underlay)?;
     let size = cells.tones.size();
     let places = || (0..size.1).flat_map(|v| (0..size.0).map(move |u| (u, v)));
     let stepped = Plane::from_fn(size.0, size.1, |u, v| {
-        cells.changes((u, v)).is_some_and(|both| both.iter().any(|change| chroma(*change).length() > STEP))
+        cells.changes((u, v)).is_some_and(|both| both.iter().any(|change| chroma(*change).length() > CHROMA_STEP))
     });
     if !stepped.as_slice().contains(&true) {
         return None;
@@ -211,11 +211,11 @@ pub(super) fn foreign(
     let (labels, sizes) = label(&cells, &stepped);
     let known = cells.tones.as_slice().iter().flatten().count();
     let main = (1..sizes.len()).max_by_key(|at| sizes[*at])?;
-    if (sizes[main] as f64) < LEAST_MAIN * known as f64 {
+    if (sizes[main] as f64) < MIN_MAIN * known as f64 {
         return None;
     }
     let mut taken = stepped.map(|_| false);
-    for region in (1..sizes.len()).filter(|at| *at != main && sizes[*at] >= LEAST_CELLS) {
+    for region in (1..sizes.len()).filter(|at| *at != main && sizes[*at] >= MIN_CELLS) {
         if let Some(step) = Border::of(&cells, &labels, region as u32, main as u32)
             .and_then(|border| border.step(sizes[region], underlay.convex))
         {
@@ -224,14 +224,14 @@ pub(super) fn foreign(
     }
     let taken = fill_holes(&taken);
     let lost = places().filter(|at| taken[*at] && cells.tones[*at].is_some()).count();
-    if lost == 0 || lost as f64 > MOST_SHARE * known as f64 {
+    if lost == 0 || lost as f64 > MAX_SHARE * known as f64 {
         return None;
     }
     // Steps where one channel rises and another falls: neither added light nor a shadow explains
     // them.
     let crossing = |at: (usize, usize)| {
-        let crosses = |change: &DVec3| change.max_element() > LEAST_RISE && change.min_element() < -LEAST_RISE;
-        cells.changes(at).is_some_and(|both| both.iter().any(|c| chroma(*c).length() > STEP && crosses(c)))
+        let crosses = |change: &DVec3| change.max_element() > MIN_RISE && change.min_element() < -MIN_RISE;
+        cells.changes(at).is_some_and(|both| both.iter().any(|c| chroma(*c).length() > CHROMA_STEP && crosses(c)))
     };
     let near = |(u, v): (usize, usize)| {
         let reach = 2 * SPAN;
@@ -240,7 +240,7 @@ pub(super) fn foreign(
     };
     let (around, elsewhere): (Vec<_>, Vec<_>) = places().filter(|at| stepped[*at]).partition(|at| near(*at));
     let elsewhere = elsewhere.into_iter().filter(|at| crossing(*at)).count();
-    if elsewhere as f64 > MOST_ELSEWHERE * around.len() as f64 {
+    if elsewhere as f64 > MAX_ELSEWHERE * around.len() as f64 {
         return None;
     }
     Some(Plane::from_fn(rgb.width(), rgb.height(), |x, y| {
@@ -322,7 +322,7 @@ impl Border {
             let Some(continued) = cells.continued(labels, across, at) else { continue };
             pairs.push(Pair { inside, outside, continued });
         }
-        let enough = pairs.len() >= LEAST_PAIRS && pairs.len() as f64 >= LEAST_BORDER * length as f64;
+        let enough = pairs.len() >= MIN_PAIRS && pairs.len() as f64 >= MIN_BORDER * length as f64;
         enough.then_some(Self { length, pairs })
     }
 
@@ -336,13 +336,13 @@ impl Border {
         let mean = |v: DVec3| v.element_sum() / 3.0;
         let (_, follows) = middle(steps().map(mean).collect());
         let (_, shading) = middle(self.pairs.iter().map(|p| mean(p.outside)).collect());
-        let painted = compact >= LEAST_COMPACT
-            && chroma(change).length() >= LEAST_CHANGE
-            && change.min_element() <= -LEAST_FALL
-            && (convex || change.max_element() >= LEAST_RISE)
-            && spread <= MOST_SPREAD
-            && shading >= LEAST_SHADING
-            && follows <= MOST_RELATIVE * shading;
+        let painted = compact >= MIN_COMPACT
+            && chroma(change).length() >= MIN_CHANGE
+            && change.min_element() <= -MIN_FALL
+            && (convex || change.max_element() >= MIN_RISE)
+            && spread <= MAX_SPREAD
+            && shading >= MIN_SHADING
+            && follows <= MAX_RELATIVE * shading;
         let side = |tone: &dyn Fn(&Pair) -> DVec3| {
             let of = |c: usize| middle(self.pairs.iter().map(|p| chroma(tone(p))[c]).collect()).0;
             DVec2::new(of(0), of(1))
@@ -363,9 +363,11 @@ fn middle(mut values: Vec<f64>) -> (f64, f64) {
 fn nearest(labels: &Plane<u32>, (u, v): (usize, usize), region: u32) -> Option<(usize, usize)> {
     let (width, height) = labels.size();
     let across = |x: usize, y: usize| x.abs_diff(u).pow(2) + y.abs_diff(v).pow(2);
-    (v.saturating_sub(REACH)..(v + REACH + 1).min(height))
-        .flat_map(|y| (u.saturating_sub(REACH)..(u + REACH + 1).min(width)).map(move |x| (x, y)))
-        .filter(|at| labels[*at] == region && across(at.0, at.1) <= REACH * REACH)
+    (v.saturating_sub(MAX_STEP_DISTANCE)..(v + MAX_STEP_DISTANCE + 1).min(height))
+        .flat_map(|y| {
+            (u.saturating_sub(MAX_STEP_DISTANCE)..(u + MAX_STEP_DISTANCE + 1).min(width)).map(move |x| (x, y))
+        })
+        .filter(|at| labels[*at] == region && across(at.0, at.1) <= MAX_STEP_DISTANCE * MAX_STEP_DISTANCE)
         .min_by_key(|at| across(at.0, at.1))
 }
 
@@ -379,7 +381,7 @@ fn grow(taken: &mut Plane<bool>, cells: &Cells, labels: &Plane<u32>, stepped: &P
     let mut ring: Vec<(usize, usize)> =
         (0..size.1).flat_map(|v| (0..size.0).map(move |u| (u, v))).filter(|at| labels[*at] == region).collect();
     ring.iter().for_each(|at| taken[*at] = true);
-    for _ in 0..REACH {
+    for _ in 0..MAX_STEP_DISTANCE {
         let mut next = Vec::new();
         for at in ring.iter().flat_map(|at| neighbours(*at, size, true)) {
             if !taken[at] && stepped[at] && mixed(at) {

@@ -19,7 +19,7 @@ use rawler::rawsource::RawSource;
 use rawler::tags::{DngTag, TiffCommonTag};
 
 use super::space::{Conversion, InputSpace, SpaceSource};
-use super::{Decoded, Encoding, ReadOptions, Shot};
+use super::{Decoded, Encoding, ReadOptions, ExposureSettings};
 use crate::{Error, guard};
 
 /// Largest number of pixels per byte of a compressed raw file.
@@ -31,7 +31,7 @@ pub(super) struct Raw {
     rgb: Plane<Vec3>,
     /// Value of clipped channels; all others are below it.
     level: f32,
-    pub(super) shot: Shot,
+    pub(super) shot: ExposureSettings,
 }
 
 impl Raw {
@@ -108,11 +108,11 @@ fn explain(path: &Path, error: &rawler::RawlerError) -> Error {
     Error::unsupported(path, format!("cannot be decoded as a raw file ({error})"), advice)
 }
 
-fn shot(exif: &rawler::exif::Exif) -> Shot {
+fn shot(exif: &rawler::exif::Exif) -> ExposureSettings {
     let positive = |v: f64| (v.is_finite() && v > 0.0).then_some(v);
     let ratio = |r: &rawler::formats::tiff::Rational| positive(f64::from(r.n) / f64::from(r.d));
     let iso = exif.iso_speed_ratings.map(u32::from).or(exif.iso_speed);
-    Shot {
+    ExposureSettings {
         seconds: exif.exposure_time.as_ref().and_then(ratio),
         f_number: exif.fnumber.as_ref().and_then(ratio),
         iso: iso.and_then(|iso| positive(iso.into())),

@@ -135,7 +135,7 @@ fn raw_files_form_a_bracket() {
     let files: Vec<(&Path, &[u8])> = files.iter().map(|f| (Path::new("t.dng"), f.as_slice())).collect();
     let bracket = decode_bracket(&files, &BracketOptions::default()).unwrap();
     assert!(bracket.linear);
-    assert_eq!(bracket.shots[1].seconds, Some(0.25));
+    assert_eq!(bracket.exposure_settings[1].seconds, Some(0.25));
     let merged = merge(&bracket.exposures, Some(&Response::linear(u16::MAX, 0.0)), &MergeSettings::default()).unwrap();
     let scale = merged.picture.rgb[(7, 7)].y / colour(7, 7).y;
     for (x, y) in [(0, 0), (15, 3), (3, 11)] {

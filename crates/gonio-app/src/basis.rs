@@ -115,7 +115,11 @@ pub(crate) fn find(
             sd: Some(posterior.exposure_sd),
             ..Exposure::default()
         }),
-        residual: Some(Residual { misfit: noise, noise_sd: Some(posterior.noise), ..Residual::default() }),
+        residual: Some(Residual {
+            noise_sd: Some(posterior.noise),
+            relative_noise: Some(noise),
+            ..Residual::default()
+        }),
         cost: Some(Cost {
             name: if joint_map { "minus log posterior" } else { "C_KL" }.to_owned(),
             trace: posterior.trace.clone(),

@@ -15,7 +15,7 @@ use gonio_report::page::GENERATOR;
 use gonio_report::summary;
 use rayon::prelude::*;
 
-use crate::folder::is_plain;
+use crate::folder::{holds_results, is_plain};
 use crate::regions::MAX_REGIONS;
 use crate::results::{BRDF, PICTURES, REPORT, RESULT, brdf_in};
 use crate::{AppError, read_brdf};
@@ -53,7 +53,10 @@ pub fn names(folders: &[PathBuf]) -> Vec<String> {
 /// # Errors
 /// If `result.json` cannot be read or was not written by gonio.
 pub fn check(folder: &Path) -> Result<(), AppError> {
-    result::read(&folder.join(RESULT))?;
+    // The page shows the errors of damaged results.
+    if !holds_results(folder) {
+        result::read(&folder.join(RESULT))?;
+    }
     Ok(())
 }
 

@@ -41,7 +41,7 @@ pub fn set_estimate(document: &mut ResultDocument, estimate: &Estimate, settings
     document.reflectance = reflectance(None);
     document.light = Some(light(found));
     document.residual = Some(Residual {
-        misfit: found.misfit,
+        misfit: Some(found.misfit),
         expected: Some(expected_misfit(material)),
         noise_sd: Some(found.noise),
         relative_noise: Some(found.relative_noise),
@@ -92,7 +92,7 @@ pub(crate) fn set_known_light(
         ..Exposure::default()
     });
     document.residual = Some(Residual {
-        misfit: found.misfit,
+        misfit: Some(found.misfit),
         expected: Some(found.expected_misfit()),
         relative_noise: Some(found.noise),
         smooth_error: Some(found.discrepancy),

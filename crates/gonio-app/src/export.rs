@@ -193,8 +193,11 @@ impl Export {
 }
 
 /// Whether the scale of the BRDF in a folder of results is known.
-pub fn is_absolute(dir: &Path) -> bool {
-    document_in(dir).is_some_and(|document| document.reflectance.absolute)
+///
+/// # Errors
+/// If `result.json` is damaged.
+pub fn is_absolute(dir: &Path) -> Result<bool, Error> {
+    Ok(document_in(dir)?.is_some_and(|document| document.reflectance.absolute))
 }
 
 /// Reads the light of a folder of results in colour, for [`Export::light`]; `None` if the folder
@@ -208,7 +211,7 @@ pub fn light_of_results(dir: &Path) -> Result<Option<EnvironmentMap>, AppError> 
         return Ok(None);
     }
     let light = read_light(&file, None)?;
-    let colour = document_in(dir).and_then(|document| Some(document.colour.light?.rgb.map(|x| x as f32)));
+    let colour = document_in(dir)?.and_then(|document| Some(document.colour.light?.rgb.map(|x| x as f32)));
     Ok(Some(colour.map_or_else(|| light.clone(), |colour| coloured(&light, Vec3::from(colour)))))
 }
 

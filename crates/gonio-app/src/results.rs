@@ -12,6 +12,7 @@ use gonio_io::picture::{encode_exr_in, encode_png};
 use gonio_io::posterior::SavedPosterior;
 use gonio_io::result::{self, ResultDocument, ResultFile};
 use gonio_io::result_brdf::{self, BrdfQuantiles, ResultBrdf};
+use gonio_io::{Error, Kind};
 use gonio_report::panels::used::with_legend;
 use gonio_report::{summary, uncertainty};
 use rayon::prelude::*;
@@ -51,11 +52,20 @@ pub fn brdf_in(dir: &Path) -> Option<PathBuf> {
 }
 
 /// Reads `result.json` in a folder of results for one material; `None` if the file is missing or
-/// invalid.
-pub fn document_in(dir: &Path) -> Option<ResultDocument> {
-    match result::read(&dir.join(RESULT)).ok()? {
-        ResultFile::Material(document) => Some(*document),
-        ResultFile::Regions(_) => None,
+/// was not written by gonio.
+///
+/// # Errors
+/// If the file cannot be read, or is a damaged result of gonio.
+pub fn document_in(dir: &Path) -> Result<Option<ResultDocument>, Error> {
+    let file = dir.join(RESULT);
+    if !file.is_file() {
+        return Ok(None);
+    }
+    match result::read(&file) {
+        Ok(ResultFile::Material(document)) => Ok(Some(*document)),
+        Ok(ResultFile::Regions(_)) => Ok(None),
+        Err(error) if error.kind() == Kind::Invalid => Ok(None),
+        Err(error) => Err(error),
     }
 }
 

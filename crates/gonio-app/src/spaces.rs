@@ -32,7 +32,7 @@ pub struct Spaces {
 impl Spaces {
     /// Returns the section `colorspace` of `result.json`; `input` is `None` for a picture in
     /// memory.
-    pub(crate) fn section(self, input: Option<&InputSpace>) -> ColourSpaces {
+    pub fn section(self, input: Option<&InputSpace>) -> ColourSpaces {
         ColourSpaces {
             input: Some(input.map_or(ColourSpace::Rec709.name(), |input| input.name.as_str()).to_owned()),
             source: Some(input.map_or("given", |input| input.source.words()).to_owned()),
@@ -132,29 +132,30 @@ fn converted([red, green, blue]: [&[f32]; 3], matrix: DMat3) -> ([Vec<f32>; 3], 
 /// The default is Rec. 709.
 ///
 /// # Errors
-/// See [`gonio_io::brdf::read`].
+/// See [`gonio_io::brdf::read`]; also if the JSON file is damaged.
 pub fn read_brdf(path: &Path) -> Result<MerlTable, Error> {
     let table = gonio_io::brdf::read(path)?;
-    Ok(match space_of_brdf(path) {
+    Ok(match space_of_brdf(path)? {
         ColourSpace::Rec709 => table,
         space => merl_to_rec709(&table, space),
     })
 }
 
 /// Returns the colour space of a BRDF from the JSON file beside it.
-fn space_of_brdf(path: &Path) -> ColourSpace {
+fn space_of_brdf(path: &Path) -> Result<ColourSpace, Error> {
     let file = path.file_name().unwrap_or_default().to_string_lossy();
-    let of_result = || {
-        let is_result = [BRDF, EARLIER_BRDF].contains(&&*file);
-        let folder = path.parent().filter(|_| is_result)?;
-        ColourSpace::named(&document_in(folder)?.colorspace.output)
-    };
-    let of_export = || {
-        let summary: ExportDocument = json::read(&path.with_file_name(SUMMARY)).ok()?;
-        let entry = summary.exports.values().find(|entry| entry.files.iter().any(|name| *name == file))?;
-        ColourSpace::named(&entry.colorspace)
-    };
-    of_result().or_else(of_export).unwrap_or_default()
+    if let Some(folder) = path.parent().filter(|_| [BRDF, EARLIER_BRDF].contains(&&*file))
+        && let Some(document) = document_in(folder)?
+    {
+        return Ok(ColourSpace::named(&document.colorspace.output).unwrap_or_default());
+    }
+    let summary = path.with_file_name(SUMMARY);
+    if !summary.is_file() {
+        return Ok(ColourSpace::default());
+    }
+    let summary: ExportDocument = json::read(&summary)?;
+    let entry = summary.exports.values().find(|entry| entry.files.iter().any(|name| *name == file));
+    Ok(entry.and_then(|entry| ColourSpace::named(&entry.colorspace)).unwrap_or_default())
 }
 
 #[cfg(test)]
@@ -196,7 +197,7 @@ mod tests {
     fn reads_the_space_from_json_beside_the_brdf() {
         let dir = tempfile::tempdir().unwrap();
         let write = |name: &str, value: Value| std::fs::write(dir.path().join(name), value.to_string()).unwrap();
-        let space = |name: &str| space_of_brdf(&dir.path().join(name));
+        let space = |name: &str| space_of_brdf(&dir.path().join(name)).unwrap();
         assert_eq!(space("brdf.binary"), ColourSpace::Rec709);
         write(RESULT, json!({ "format": "gonio-result", "colorspace": { "output": "acescg" } }));
         assert_eq!(space("brdf.npz"), ColourSpace::AcesCg);
@@ -205,5 +206,8 @@ mod tests {
         assert_eq!(space("brdf_rgb.bsdf"), ColourSpace::Rec2020);
         write(RESULT, json!({ "colorspace": 3 }));
         assert_eq!(space("brdf.binary"), ColourSpace::Rec709);
+        // A damaged result is an error: its colours would be wrong.
+        write(RESULT, json!({ "format": "gonio-result", "version": 2, "colorspace": 3 }));
+        assert!(space_of_brdf(&dir.path().join("brdf.npz")).is_err());
     }
 }

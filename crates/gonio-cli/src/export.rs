@@ -107,7 +107,7 @@ pub(crate) fn run(options: &ExportOptions) -> Result<Outcome> {
         light,
         space: options.space.space(),
         albedo: options.albedo,
-        absolute: !is_folder || is_absolute(&options.input),
+        absolute: !is_folder || is_absolute(&options.input)?,
         with_tables: options.tables,
     };
     let stage = StageProgress::new("fitting models");

@@ -254,11 +254,10 @@ impl InferOptions {
                 Method::KnownLight(KnownLight { map: LightMapSource::Map(map), alignment, absolute: self.absolute })
             }
             (MethodName::KnownLightBasis, Some(map)) => Method::KnownLightBasis(search, map),
-            (MethodName::KnownLight | MethodName::KnownLightBasis, None) => {
-                bail!(
-                    "this --method requires a known light; specify it with --light MAP (known-light: or --mirror-ball X,Y,RADIUS)"
-                )
+            (MethodName::KnownLight, None) => {
+                bail!("--method known-light requires --light MAP or --mirror-ball X,Y,RADIUS")
             }
+            (MethodName::KnownLightBasis, None) => bail!("--method known-light-basis requires --light MAP"),
             (_, Some(_)) => {
                 bail!(
                     "--light MAP is for --method known-light and known-light-basis; the other methods estimate the light"

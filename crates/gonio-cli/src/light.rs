@@ -142,8 +142,8 @@ pub(crate) fn run(options: &LightOptions) -> Result<Outcome> {
     let second = if views.is_object() {
         format!(
             "; second view at {:.1} degrees ({}), views differ by {:.1} %",
-            number(&views["turn_degrees"]),
-            if views["found"] == true { "estimated" } else { "specified" },
+            number(&views["azimuth_degrees"]),
+            if views["estimated"] == true { "estimated" } else { "specified" },
             100.0 * number(&views["difference"])
         )
     } else {

@@ -31,12 +31,12 @@ pub(crate) fn compare(
     given: Vec<(String, Compared<'_>)>,
 ) -> PyResult<(Vec<Py<PyDict>>, String, usize)> {
     let fail = |error: AppError| raise(&error, py);
-    let mut entries = Vec::new();
+    let (mut entries, mut folders) = (Vec::new(), Vec::new());
     for (name, compared) in given {
         match compared {
             Compared::Folder(folder) => {
                 check(&folder).map_err(fail)?;
-                entries.extend(entries_of(&[ComparedFolder { name, folder, failed: None }], Path::new("")));
+                folders.push((entries.len(), ComparedFolder { name, folder, failed: None }));
             }
             Compared::Memory(document, table, sphere) => {
                 let result = document_of(&name, &document).map_err(fail)?;
@@ -48,7 +48,15 @@ pub(crate) fn compare(
             }
         }
     }
-    let comparison = py.detach(|| Comparison::of(entries));
+    let comparison = py.detach(|| {
+        // From the last folder to the first, so that earlier positions stay valid.
+        for (at, folder) in folders.into_iter().rev() {
+            // The page may be written anywhere, so it has no links to reports.
+            let read = entries_of(&[folder], Path::new("")).into_iter().map(|entry| Entry { report: None, ..entry });
+            entries.splice(at..at, read);
+        }
+        Comparison::of(entries)
+    });
     let pairs = comparison.pairs.iter().map(|pair| {
         let out = PyDict::new(py);
         out.set_item("of", comparison.names(pair))?;

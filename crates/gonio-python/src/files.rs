@@ -12,7 +12,7 @@ use gonio_app::results::{Files, PICTURES, levels};
 use gonio_io::atomic::write_file as write_whole;
 use gonio_io::colour_space::ColourSpace;
 use gonio_io::picture::{ExrOptions, ReadOptions, encode_exr_with, encode_hdr, encode_pfm, encode_png_srgb8};
-use gonio_io::result::ResultDocument;
+use gonio_io::result::{ResultFile, decode};
 use gonio_io::result_brdf::BrdfQuantiles;
 use gonio_io::rgl::{self, Channels};
 use numpy::ndarray::Axis;
@@ -226,7 +226,7 @@ pub(crate) fn save(py: Python<'_>, folder: PathBuf, result: SavedResult<'_>) -> 
         light: light.map(|light| arrays::colours(&light)).transpose()?,
         pictures: held.map(|(name, samples)| Ok((name, png(samples)?))).collect::<PyResult<_>>()?,
         page,
-        space: space_of(&notes),
+        space: space_of(&notes).map_err(|error| raise(&error.into(), py))?,
         document: notes,
     };
     let write = || for_results(&folder)?.fill(&files.encode());
@@ -238,10 +238,12 @@ fn rows(values: impl Iterator<Item = f32>) -> Vec<Vec<f32>> {
     values.collect::<Vec<f32>>().chunks(CELLS).map(<[f32]>::to_vec).collect()
 }
 
-/// Returns the output colour space stated in the notes of a result.
-fn space_of(notes: &str) -> ColourSpace {
-    let document = serde_json::from_str::<ResultDocument>(notes).unwrap_or_default();
-    named(Some(&document.colorspace.output)).unwrap_or_default()
+/// Returns the output colour space that a result states.
+fn space_of(result: &str) -> Result<ColourSpace, gonio_io::Error> {
+    Ok(match decode(Path::new("the result"), result.as_bytes())? {
+        ResultFile::Material(document) => ColourSpace::named(&document.colorspace.output).unwrap_or_default(),
+        ResultFile::Regions(_) => ColourSpace::default(),
+    })
 }
 
 /// Writes a file, completely or not at all.

@@ -226,7 +226,7 @@ fn pictures(answer: &InferenceResult) -> Vec<(&'static str, Plane<Vec3>)> {
     pictures
 }
 
-/// Returns a dictionary of a BRDF with the keys of `gonio._types.FoundBrdf`.
+/// Returns a dictionary of a BRDF with the keys of `gonio._types.BrdfData`.
 fn of_table<'py>(py: Python<'py>, table: BivariateTable, field: &ChromaField) -> PyResult<Bound<'py, PyDict>> {
     let out = PyDict::new(py);
     out.set_item("table", arrays::of_tables(py, &field.tables(&table)))?;
@@ -236,7 +236,7 @@ fn of_table<'py>(py: Python<'py>, table: BivariateTable, field: &ChromaField) ->
     Ok(out)
 }
 
-/// Returns a dictionary of a material with the keys of `gonio._types.FoundMaterial`.
+/// Returns a dictionary of a material with the keys of `gonio._types.MaterialData`.
 pub(crate) fn of_material<'py>(
     py: Python<'py>,
     material: &Material,
@@ -278,8 +278,8 @@ pub(crate) fn shown<'py>(py: Python<'py>, pictures: Vec<(&'static str, Plane<Vec
     Ok(out)
 }
 
-/// Returns a dictionary of the results with the keys of `gonio._types.Found`. For methods that
-/// estimate coefficients only, the keys are those of `FoundInBasis`.
+/// Returns a dictionary of the results with the keys of `gonio._types.PosteriorData`. For methods
+/// that estimate coefficients only, the keys are those of `BasisData`.
 fn result_dict<'py>(
     py: Python<'py>,
     answer: InferenceResult,

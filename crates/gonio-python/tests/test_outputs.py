@@ -164,7 +164,7 @@ def test_compare_agrees_with_the_program(found, tmp_path):
     assert saved.sentence == pair.sentence and saved.distance == pytest.approx(pair.distance, rel=1e-5)
     comparison.write(tmp_path / "page.html")
     assert (tmp_path / "page.html").read_text() == comparison.page
-    with pytest.raises(gonio.GonioError, match="only one result"):
+    with pytest.raises(gonio.GonioError, match="fewer than two results"):
         gonio.compare([found])
     with pytest.raises(gonio.FileError, match="result.json"):
         gonio.compare([found, tmp_path])

@@ -14,7 +14,7 @@ use gonio::suggestion::Suggestion;
 use gonio_app::document::{self, ShapeOrigin};
 use gonio_app::photograph::decode_picture;
 use gonio_app::results::{EARLIER_BRDF, LIGHT, LIGHT_ROWS, RESULT};
-use gonio_app::{AS_CAPTURED, Method};
+use gonio_app::{AS_CAPTURED, Method, Spaces};
 use gonio_io::picture::ReadOptions;
 use gonio_io::result::{self, ResultDocument};
 use gonio_io::rgl::{self, Channels};
@@ -237,6 +237,7 @@ impl Session {
             model: document::model(&self.model),
             observations: Some(document::observations(detection, &ShapeOrigin::default(), false)),
             colour: document::colour(colouring, AS_CAPTURED),
+            colorspace: Spaces::default().section(None),
             warnings: warnings.collect(),
             seconds: serde_json::from_str(seconds).unwrap_or_default(),
             ..document
@@ -302,6 +303,7 @@ mod tests {
         let result = session.product(Product::Result, r#"{"ball":0.5}"#).unwrap();
         let result: Value = serde_json::from_slice(&result).unwrap();
         assert_eq!((&result["seconds"]["ball"], &result["settings"]["grid"]), (&json!(0.5), &json!(8)));
+        assert_eq!(result["colorspace"]["output"], "rec709");
         assert!(session.product(Product::Mitsuba, "{}").unwrap().len() > 1000);
     }
 

@@ -115,7 +115,12 @@ fn recorded_names(output: &Path) -> Result<Vec<String>> {
 }
 
 fn record(output: &Path, name: &str, status: &str, note: Option<&RowOutcome>) -> Vec<String> {
-    let result = note.filter(|note| note.error.is_none()).and_then(|_| document_in(&output.join(name)));
+    let read = note.filter(|note| note.error.is_none()).map(|_| document_in(&output.join(name)));
+    let (result, damage) = match read {
+        Some(Ok(result)) => (result, None),
+        Some(Err(error)) => (None, Some(error.to_string())),
+        None => (None, None),
+    };
     let posterior = result.as_ref().and_then(|result| result.posterior.as_ref());
     let residual = result.as_ref().and_then(|result| result.residual);
     let number = |value: Option<f64>| value.map(|v| format!("{v:.4}")).unwrap_or_default();
@@ -136,8 +141,8 @@ fn record(output: &Path, name: &str, status: &str, note: Option<&RowOutcome>) ->
         number(peak.map(|quantiles| quantiles.high)),
         number(posterior.map(|posterior| posterior.undetermined)),
         number(posterior.and_then(|posterior| posterior.out_of_distribution)),
-        number(residual.map(|residual| residual.misfit)),
+        number(residual.and_then(|residual| residual.misfit)),
         note.map(|n| n.warnings.join("; ")).unwrap_or_default(),
-        note.and_then(|n| n.error.clone()).unwrap_or_default(),
+        note.and_then(|n| n.error.clone()).or(damage).unwrap_or_default(),
     ]
 }

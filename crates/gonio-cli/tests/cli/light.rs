@@ -98,6 +98,8 @@ fn converts_a_mirror_ball_to_a_light() {
 #[test]
 fn combines_two_views() {
     let bench = bench();
+    let run = bench.run("light chrome.exr --second side.exr -o text.exr --reflectance 0.6").succeeds();
+    assert!(run.stdout.contains("(estimated)") && !run.stdout.contains("view at 0.0"), "{run:?}");
     let line = "light chrome.exr --second side.exr -o probe.exr --reflectance 0.6 --json";
     let found: serde_json::Value = serde_json::from_str(&bench.run(line).succeeds().stdout).unwrap();
     let views = &found["views"];

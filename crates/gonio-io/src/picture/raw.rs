@@ -19,7 +19,7 @@ use rawler::rawsource::RawSource;
 use rawler::tags::{DngTag, TiffCommonTag};
 
 use super::space::{Conversion, InputSpace, SpaceSource};
-use super::{Decoded, Encoding, ReadOptions, ExposureSettings};
+use super::{Decoded, Encoding, ExposureSettings, ReadOptions};
 use crate::{Error, guard};
 
 /// Largest number of pixels per byte of a compressed raw file.

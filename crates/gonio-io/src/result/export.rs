@@ -4,6 +4,8 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
+use super::number_or_nan;
+
 /// Contents of `export.json`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
@@ -44,8 +46,10 @@ pub struct ExportEntry {
     pub parameters: serde_json::Value,
     /// Relative RMS error of a sphere rendered with the export in a studio light, compared with the
     /// BRDF.
+    #[serde(deserialize_with = "number_or_nan")]
     pub relight: f64,
     /// The same error of logarithms, for values above 1 % of the mean.
+    #[serde(deserialize_with = "number_or_nan")]
     pub log_relight: f64,
     /// Conventions of the parameters or tables.
     pub conventions: String,

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::Circle;
+use super::{Circle, number_or_nan};
 
 /// The estimated light: radiance is `exposure` times the Haar synthesis of `coefficients`. For the
 /// default method, the light is the posterior mean without negative texels, given the BRDF.
@@ -40,8 +40,10 @@ pub struct Light {
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Evidence {
     /// Final objective.
+    #[serde(deserialize_with = "number_or_nan")]
     pub objective: f64,
     /// Effective number of coefficients.
+    #[serde(deserialize_with = "number_or_nan")]
     pub effective: f64,
     /// Whether the maximisation converged.
     pub converged: bool,
@@ -195,9 +197,10 @@ pub struct AbsoluteScale {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Residual {
-    /// Root mean square residual relative to that of the photograph, given light and BRDF; for
-    /// methods of the paper, the estimated noise relative to the photograph.
-    pub misfit: f64,
+    /// Root mean square residual relative to that of the photograph, given light and BRDF; absent
+    /// for methods of the paper.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub misfit: Option<f64>,
     /// The misfit from noise and the light's resolution (known light: noise and texture) if light
     /// and BRDF were correct.
     #[serde(default, skip_serializing_if = "Option::is_none")]

@@ -134,6 +134,7 @@ pub struct CombinedPhotograph {
     #[serde(default)]
     pub images: Vec<String>,
     /// Log odds that it shows the same material as the others.
+    #[serde(deserialize_with = "number_or_nan")]
     pub agreement: f64,
 }
 
@@ -194,6 +195,7 @@ pub struct RegionEntry {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub roughness: Option<Quantiles>,
     /// Relative RMS residual of the region.
+    #[serde(deserialize_with = "number_or_nan")]
     pub misfit: f64,
     /// Warnings about the region, one line each.
     pub warnings: Vec<String>,
@@ -208,7 +210,8 @@ pub enum ResultFile {
     Regions(RegionsDocument),
 }
 
-/// Reads `result.json`. Documents of version 1 are converted.
+/// Reads `result.json`. Documents of version 1 are converted; they keep the material, its colours,
+/// its scale, misfit, warnings and times.
 ///
 /// # Errors
 /// If the file cannot be read, is longer than 16 MiB, or is not a result of gonio.
@@ -252,6 +255,11 @@ fn of_value(path: &Path, document: Value) -> Result<ResultFile, Error> {
         return Ok(ResultFile::Regions(serde_json::from_value(document).map_err(damaged)?));
     }
     Ok(ResultFile::Material(serde_json::from_value(document).map_err(damaged)?))
+}
+
+/// Reads a number; null is NaN, since JSON has no other form of numbers that are not finite.
+fn number_or_nan<'de, D: serde::Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
+    Ok(Option::deserialize(deserializer)?.unwrap_or(f64::NAN))
 }
 
 /// Encodes a document as indented JSON.

@@ -68,7 +68,8 @@ pub enum Shape {
         projection: Projection,
         /// Where the camera axis meets the picture, in pixels.
         principal_point: [f64; 2],
-        /// Matrix from camera coordinates to those of the mesh, by rows.
+        /// Matrix from camera coordinates to those of the world (without a pose, those of the
+        /// mesh), by rows.
         camera_to_world: [[f64; 4]; 4],
     },
     /// A normal map.

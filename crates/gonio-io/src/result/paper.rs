@@ -3,6 +3,8 @@
 use gonio::inference::StartReport;
 use serde::{Deserialize, Serialize};
 
+use super::number_or_nan;
+
 /// Settings of a method. Settings that a method does not have are absent.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
@@ -86,6 +88,7 @@ pub struct Cost {
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct StartCost {
     /// Final objective.
+    #[serde(deserialize_with = "number_or_nan")]
     pub cost: f64,
     /// Number of iterations.
     pub iterations: usize,

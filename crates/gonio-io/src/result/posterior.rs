@@ -2,18 +2,20 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::number_or_nan;
+
 /// 5, 50 and 95 % quantiles of a number: the median and its 90 % interval.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Quantiles {
     /// The 5 % quantile.
-    #[serde(rename = "5")]
+    #[serde(rename = "5", deserialize_with = "number_or_nan")]
     pub low: f64,
     /// The median.
-    #[serde(rename = "50")]
+    #[serde(rename = "50", deserialize_with = "number_or_nan")]
     pub median: f64,
     /// The 95 % quantile.
-    #[serde(rename = "95")]
+    #[serde(rename = "95", deserialize_with = "number_or_nan")]
     pub high: f64,
 }
 
@@ -110,7 +112,7 @@ pub struct PeakToBody {
     #[serde(flatten)]
     pub quantiles: Quantiles,
     /// The 95 % quantile divided by the 5 % quantile.
-    #[serde(default)]
+    #[serde(default, deserialize_with = "number_or_nan")]
     pub factor: f64,
 }
 
@@ -142,9 +144,6 @@ pub struct Reflectance {
     /// File of the BRDF and its quantiles, in 1/sr.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub file: Option<String>,
-    /// Levels of the quantiles in the file, if they are not those of its array `levels`.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub levels: Vec<f64>,
     /// Whether the scale of the BRDF is measured: photograph and light map have the same scale, or
     /// the photograph has a reference. Otherwise, `normal_albedo` is assumed.
     pub absolute: bool,

@@ -34,7 +34,7 @@ fn complete() -> ResultDocument {
         observations: Some(Observations { shape, detection: None, surface: None, visibility: None, report }),
         posterior: Some(posterior),
         light: Some(Light { coefficients: vec![1.0, 0.5], ..Light::default() }),
-        residual: Some(Residual { misfit: 0.03, ..Residual::default() }),
+        residual: Some(Residual { misfit: Some(0.03), ..Residual::default() }),
         reference: Some(reference),
         ..ResultDocument::new("learnt", "0.1.0")
     }
@@ -54,6 +54,17 @@ fn a_document_is_the_same_after_a_round_trip() {
     );
     assert_eq!((&encoded["reference"]["kind"], &encoded["bracket"]), (&json!("white patch"), &Value::Null));
     assert_eq!(material(&encoded), document);
+}
+
+#[test]
+fn numbers_that_are_not_finite_can_be_read_again() {
+    let mut document = complete();
+    if let Some(posterior) = &mut document.posterior {
+        posterior.highlight.peak_to_body.factor = f64::INFINITY;
+        posterior.highlight.roughness = Some([f64::NAN; 3].into());
+    }
+    let read = material(&serde_json::from_str(&encode(&document)).unwrap()).posterior.unwrap();
+    assert!(read.highlight.peak_to_body.factor.is_nan() && read.highlight.roughness.unwrap().median.is_nan());
 }
 
 #[test]
@@ -81,10 +92,16 @@ fn version_1_keeps_material_colour_and_residual() {
     assert_eq!((&*posterior.highlight.finish, posterior.highlight.ggx_alpha), ("satin", None));
     assert_eq!((posterior.out_of_distribution, posterior.materials[0].weight), (Some(0.01), 0.5));
     let residual = new.residual.unwrap();
-    assert_eq!((residual.misfit, residual.expected), (0.05, Some(0.03)));
+    assert_eq!((residual.misfit, residual.expected, residual.relative_noise), (Some(0.05), Some(0.03), Some(0.2)));
     assert_eq!((new.reflectance.absolute, new.reflectance.normal_albedo), (false, 0.5));
     assert_eq!((&*new.colorspace.output, new.version, new.observations), ("acescg", 2, None));
-    assert_eq!(material(&json!({ "format": "gonio-result" })).posterior, None);
+    for empty in
+        [json!({}), json!({ "posterior": {}, "noise": {} }), json!({ "posterior": { "gloss": { "5": null } } })]
+    {
+        let mut old = empty;
+        old["format"] = json!("gonio-result");
+        assert_eq!(material(&old).posterior, None);
+    }
 }
 
 #[test]
@@ -106,7 +123,7 @@ fn errors_name_the_file_and_the_cause() {
     assert!(error(json!({ "format": "gonio-export" })).contains("not a result of gonio infer"));
     assert!(error(json!([1])).contains("not a result of gonio infer"));
     assert!(error(json!({ "format": "gonio-result", "version": 9 })).contains("update gonio"));
-    let wrong = error(json!({ "format": "gonio-result", "version": 1, "posterior": { "materials": 3 } }));
+    let wrong = error(json!({ "format": "gonio-result", "version": 2, "posterior": { "materials": 3 } }));
     assert!(wrong.starts_with("out/result.json: is not a valid result") && !wrong.contains('\n'), "{wrong}");
 }
 

@@ -30,7 +30,7 @@ pub(super) fn converted(mut document: Value) -> Value {
         }
     }
     new.insert("version".into(), json!(VERSION));
-    if document["posterior"].is_object() {
+    if ["5", "50", "95"].iter().all(|q| document["posterior"]["gloss"][q].is_number()) {
         new.insert("posterior".into(), posterior(&document["posterior"]));
     }
     if document["noise"].is_object() {
@@ -65,10 +65,18 @@ fn posterior(old: &Value) -> Value {
         "wide": or(&old["wide"], json!({ "factor": 0.0, "share": 0.0 })),
         "out_of_distribution": old["strangeness"],
         "scatter": old["scatter"],
+        "disk_cells": old["normals"],
+        "filled_cells": old["filled"],
+        "self_shadowing": old["unshadowed"],
     })
 }
 
 fn residual(old: &Value) -> Value {
-    let misfit = if old["misfit"].is_number() { &old["misfit"] } else { &old["relative"] };
-    json!({ "misfit": misfit, "expected": old["expected"] })
+    json!({
+        "misfit": old["misfit"],
+        "expected": old["expected"],
+        "noise_sd": old["sd"],
+        "relative_noise": old["relative"],
+        "smooth_error": old["discrepancy"],
+    })
 }

@@ -103,7 +103,7 @@ def compare(results: Mapping[str, Result | Path] | Sequence[Result | Path]) -> C
     """
     if is_path(results) or isinstance(results, Result):
         raise GonioError("results: must be a list or a dictionary of results or folders")
-    named = list(results.items()) if isinstance(results, Mapping) else [(_name(one), one) for one in results]
+    named = list(results.items()) if isinstance(results, Mapping) else list(zip(_names(results), results))
     given: list[tuple[str, str | tuple[str, Floats, Bytes | None]]] = []
     for name, one in named:
         if isinstance(one, Result):
@@ -114,12 +114,15 @@ def compare(results: Mapping[str, Result | Path] | Sequence[Result | Path]) -> C
             raise GonioError(f"{one!r}: must be a result of gonio.infer or a folder of results")
     pairs, page, count = _gonio.compare(given)
     if count < 2:
-        raise GonioError("results: contains only one result; specify at least two")
+        raise GonioError("results: contains fewer than two results; specify at least two")
     return Comparison(
         [Pair((pair["of"][0], pair["of"][1]), pair["agreement"], pair["distance"], pair["sentence"]) for pair in pairs], page
     )
 
 
-def _name(one: Result | Path) -> str:
-    """Returns the name of a result: that of its photograph or folder."""
-    return one.brdf.name if isinstance(one, Result) else os.path.basename(os.path.normpath(os.fspath(one)))
+def _names(results: Sequence[Result | Path]) -> list[str]:
+    """Returns the names of photographs and folders; the whole path of folders that have the same name, and numbers otherwise."""
+    paths = ["" if isinstance(one, Result) else os.fspath(one) for one in results]
+    names = [one.brdf.name if isinstance(one, Result) else os.path.basename(os.path.normpath(os.fspath(one))) for one in results]
+    names = [path if path and names.count(name) > 1 else name for path, name in zip(paths, names)]
+    return [f"{name} ({at})" if names.count(name) > 1 else name for at, name in enumerate(names, 1)]

@@ -164,7 +164,7 @@ mod tests {
         ResultDocument {
             posterior: Some(Posterior { highlight, materials, ..Posterior::default() }),
             warnings: vec!["odd & <i>".into()],
-            residual: Some(Residual { misfit: 0.02, expected: Some(0.1), ..Residual::default() }),
+            residual: Some(Residual { misfit: Some(0.02), expected: Some(0.1), ..Residual::default() }),
             ..ResultDocument::new("learnt", "0.1.0")
         }
     }

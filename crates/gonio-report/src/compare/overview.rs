@@ -124,20 +124,22 @@ fn nearest(material: Option<&SimilarMaterial>) -> Markup {
 fn misfit(residual: Option<Residual>) -> Markup {
     html! {
         @match residual {
-            Some(Residual { misfit, expected, .. }) => {
+            Some(Residual { misfit: Some(misfit), expected, .. }) => {
                 strong { (percent(misfit)) }
                 @if let Some(expected) = expected { small { "expected " (percent(expected)) } }
             }
-            None => { "–" }
+            _ => { "–" }
         }
     }
 }
 
 /// Renders the uncertainty of a result, its warnings (folded) and its errors.
 fn trust(result: &ResultDocument, faults: &[String]) -> Markup {
+    let verdict = result.posterior.as_ref().map(|posterior| posterior.highlight.verdict.as_str());
+    let verdict = verdict.filter(|verdict| !verdict.is_empty());
     let warnings: Vec<String> = result.warnings.iter().map(|warning| plain(warning)).collect();
     html! {
-        (result.posterior.as_ref().map_or_else(|| "–".to_owned(), |posterior| plain(&posterior.highlight.verdict)))
+        (verdict.map_or_else(|| "–".to_owned(), plain))
         @if !warnings.is_empty() {
             details {
                 summary { @if warnings.len() == 1 { "1 warning" } @else { (warnings.len()) " warnings" } }
@@ -175,7 +177,7 @@ mod tests {
         let result = ResultDocument {
             image: Some("ball.exr".into()),
             posterior: Some(Posterior { highlight, materials, ..Posterior::default() }),
-            residual: Some(Residual { misfit: 0.018, expected: Some(0.15), ..Residual::default() }),
+            residual: Some(Residual { misfit: Some(0.018), expected: Some(0.15), ..Residual::default() }),
             colour: Colour { body: Some(red), ..Colour::default() },
             warnings: vec!["one".into(), "two".into()],
             ..ResultDocument::new("learnt", "0.1.0")

@@ -1,5 +1,5 @@
-//! Splits a material into a narrow lobe, as weights of the levels of a `HalfLight`, and a smooth
-//! rest.
+//! Splits a material into a narrow lobe, as weights of the levels of a `HalfVectorLight`, and a
+//! smooth rest.
 
 use std::f32::consts::{FRAC_PI_2, TAU};
 

@@ -160,7 +160,8 @@ impl Report<'_> {
     fn verdict(&self) -> Markup {
         let residual = self.result.residual;
         let scatter = self.subject.material.map(|material| material.scatter).filter(|scatter| *scatter > 0.0);
-        verdict(residual.map(|residual| residual.misfit), residual.and_then(|residual| residual.expected), scatter)
+        let misfit = residual.and_then(|residual| residual.misfit.or(residual.relative_noise));
+        verdict(misfit, residual.and_then(|residual| residual.expected), scatter)
     }
 
     fn photograph(&self) -> Markup {

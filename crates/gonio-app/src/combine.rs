@@ -162,13 +162,7 @@ fn document(
 ) -> ResultDocument {
     let part = |chroma: Chroma, sd: Option<[f64; 2]>| {
         let rgb = chroma.rgb().to_array();
-        Some(UncertainColour {
-            rgb,
-            log_chroma: chroma.0,
-            interval_90: None,
-            log_chroma_sd: sd,
-            quantile_colours: Vec::new(),
-        })
+        Some(UncertainColour { rgb, log_chroma: chroma.0, log_chroma_sd: sd, ..UncertainColour::default() })
     };
     let photograph = |((name, saved), agreement): (&(String, SavedPosterior), &f64)| CombinedPhotograph {
         folder: name.clone(),

@@ -29,7 +29,7 @@ pub struct Colour {
 }
 
 /// An estimated colour with its uncertainty.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct UncertainColour {
     /// Linear Rec. 709, scaled to a luminance of one.

@@ -5,6 +5,15 @@ use gonio::scene::{self, ObservationReport};
 use gonio::shape::{self, MeshDefects};
 use serde::{Deserialize, Serialize};
 
+/// Copies fields of equal names from a type of the library. The pattern is exhaustive, so a new
+/// field of the library causes an error of compilation.
+macro_rules! same_fields {
+    ($value:expr, $source:ident { $($field:ident),* }) => {{
+        let $source { $($field),* } = $value;
+        Self { $($field),* }
+    }};
+}
+
 /// The detected object and the status of the pixels.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
@@ -211,26 +220,19 @@ pub struct MeshReport {
 
 impl From<&MeshDefects> for MeshReport {
     fn from(soundness: &MeshDefects) -> Self {
-        let MeshDefects {
-            triangles,
-            degenerate,
-            open_edges,
-            non_manifold_edges,
-            inconsistent_edges,
-            inside_out,
-            inconsistent_normals: normals_against,
-            normals_computed,
-        } = *soundness;
-        Self {
-            triangles,
-            degenerate,
-            open_edges,
-            non_manifold_edges,
-            inconsistent_edges,
-            inside_out,
-            inconsistent_normals: normals_against,
-            normals_computed,
-        }
+        same_fields!(
+            *soundness,
+            MeshDefects {
+                triangles,
+                degenerate,
+                open_edges,
+                non_manifold_edges,
+                inconsistent_edges,
+                inside_out,
+                inconsistent_normals,
+                normals_computed
+            }
+        )
     }
 }
 
@@ -289,54 +291,33 @@ pub struct PixelCounts {
 
 impl From<&ObservationReport> for PixelCounts {
     fn from(report: &ObservationReport) -> Self {
-        let ObservationReport {
-            points,
-            used,
-            clipped,
-            outside,
-            faulty,
-            other_colour,
-            observed_pixels,
-            used_pixels,
-            clipped_pixels,
-            clip_level,
-            negative,
-            not_finite,
-            outliers,
-            isolated,
-            negative_channels,
-            other_colour_pixels,
-            without_normal,
-            not_unit,
-            facing_away,
-            at_edges,
-            specks,
-            in_shadow,
-        } = *report;
-        Self {
-            points,
-            used,
-            clipped,
-            outside,
-            faulty,
-            other_colour,
-            in_shadow,
-            observed_pixels,
-            used_pixels,
-            clipped_pixels,
-            clip_level,
-            negative,
-            not_finite,
-            outliers,
-            isolated,
-            negative_channels,
-            other_colour_pixels,
-            without_normal,
-            not_unit,
-            facing_away,
-            at_edges,
-            specks,
-        }
+        same_fields!(
+            *report,
+            ObservationReport {
+                points,
+                used,
+                clipped,
+                outside,
+                faulty,
+                other_colour,
+                observed_pixels,
+                used_pixels,
+                clipped_pixels,
+                clip_level,
+                negative,
+                not_finite,
+                outliers,
+                isolated,
+                negative_channels,
+                other_colour_pixels,
+                without_normal,
+                not_unit,
+                facing_away,
+                at_edges,
+                specks,
+                in_shadow
+            }
+        )
     }
 }
 

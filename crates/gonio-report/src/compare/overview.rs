@@ -167,13 +167,7 @@ mod tests {
             ..result::Highlight::default()
         };
         let materials = vec![SimilarMaterial { name: "brass".into(), weight: 0.32 }];
-        let red = UncertainColour {
-            rgb: [1.0, 0.0, 0.0],
-            log_chroma: [0.0; 2],
-            interval_90: None,
-            log_chroma_sd: None,
-            quantile_colours: Vec::new(),
-        };
+        let red = UncertainColour { rgb: [1.0, 0.0, 0.0], ..UncertainColour::default() };
         let result = ResultDocument {
             image: Some("ball.exr".into()),
             posterior: Some(Posterior { highlight, materials, ..Posterior::default() }),

@@ -501,13 +501,7 @@ mod tests {
     #[test]
     fn colours_are_valid_in_a_style() {
         assert_eq!(codes(&[1.0, 0.0, 0.0]), [218, 0, 0]);
-        let red = UncertainColour {
-            rgb: [1.0, 0.0, 0.0],
-            log_chroma: [0.0; 2],
-            interval_90: None,
-            log_chroma_sd: None,
-            quantile_colours: Vec::new(),
-        };
+        let red = UncertainColour { rgb: [1.0, 0.0, 0.0], ..UncertainColour::default() };
         let page = colours(&Colour { body: Some(red), ..Colour::default() }).into_string();
         assert!(
             page.contains("#da0000") && page.contains("data-copy=\"colour-body\"") && !page.contains("highlight"),

@@ -16,7 +16,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-PACKAGES = {"app": "gonio-app", "library": "gonio", "files": "gonio-io", "training": "gonio-train"}
+PACKAGES = {"app": "gonio-app", "library": "gonio", "paper": "gonio-paper", "files": "gonio-io", "training": "gonio-train"}
 RECORD = Path(__file__).with_name("bench.csv")
 TOLERANCE = 1.2
 # Width of the names in the table of the bench app.
@@ -73,7 +73,7 @@ def plain_rows(text: str) -> dict[str, float]:
     return {name: float(seconds) for name, seconds in found}
 
 
-ROWS = {"app": app_rows, "library": divan_rows, "files": divan_rows, "training": plain_rows}
+ROWS = {"app": app_rows, "library": divan_rows, "paper": divan_rows, "files": divan_rows, "training": plain_rows}
 
 
 def regressions(ratios: dict[str, float], recorded: dict[str, float]) -> list[str]:

@@ -1,10 +1,10 @@
 #![no_main]
 //! The cache: foreign files in its folder, and plans in intact entries.
 
-use gonio::transfer::PlanSettings;
 use gonio_fuzz::Scratch;
 use gonio_io::cache::Cache;
 use gonio_io::plan::{decode_plan, load_plan};
+use gonio_paper::PlanSettings;
 use libfuzzer_sys::fuzz_target;
 
 fuzz_target!(init: gonio_fuzz::let_guards_catch(), |bytes: &[u8]| {

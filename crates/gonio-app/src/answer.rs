@@ -17,13 +17,14 @@ use gonio_io::colour_space::ColourSpace;
 use gonio_io::picture::ReadOptions;
 use gonio_io::posterior::SavedPosterior;
 use gonio_io::result::ResultDocument;
+use gonio_paper::PaperSettings;
 use gonio_report::panels::{Panels, Subject};
 use gonio_report::report::{Fits, Report};
 
 use crate::document;
 use crate::regions::Regions;
 use crate::{
-    AppError, LightMapSource, Method, ObservedScene, ProgressLog, Scene, Settings, Source, Warning, basis, combine,
+    AppError, LightMapSource, Method, ObservedScene, ProgressLog, Scene, Settings, Source, Warning, combine, paper,
     reference,
 };
 
@@ -92,7 +93,7 @@ pub(crate) struct InferenceContext<'a> {
 impl<'a> InferenceContext<'a> {
     /// Checks the settings and reads the known light. `name` is the name of the model in messages.
     pub(crate) fn of((model, name): (&'a Model, &str), settings: &Settings<'_>) -> Result<Self, AppError> {
-        let paper = settings.method.search().is_some_and(|search| search.paper);
+        let paper = settings.method.paper().is_some_and(|paper| paper.as_printed);
         let mut model = Cow::Borrowed(model);
         if paper {
             model.to_mut().light = gonio_io::model::lighting_of_paper()?;
@@ -291,11 +292,11 @@ pub(crate) fn solve(
             Ok(MethodResult { fits, ..MethodResult::blind(found, (seen, image), (&ask, linear), warnings) })
         }
         (method, known_light) => {
-            let Some(search) = method.search() else { return Err(AppError::new("this method requires a known light")) };
-            let how = (settings, search);
-            let found = basis::find((model, image), how, known_light.as_ref(), observations, warnings, progress_log)?;
+            let Some(paper) = method.paper() else { return Err(AppError::new("this method requires a known light")) };
+            let how = (settings, &PaperSettings { side: settings.side, ..paper.clone() });
+            let found = paper::infer((model, image), how, known_light.as_ref(), observations, warnings, progress_log)?;
             let colouring = Colouring::of(model, observations, &found.table, rule);
-            let basis::BasisResult { table, light, noise, mut document } = found;
+            let paper::PaperResult { table, light, noise, mut document } = found;
             let light = light.map(|grid| grid.coloured(colouring.light()));
             document.settings.linear = Some(linear);
             let known_light = known_light.clone();

@@ -11,7 +11,6 @@
 #![deny(clippy::print_stdout, clippy::print_stderr)]
 
 mod answer;
-mod basis;
 mod check;
 pub mod combine;
 pub mod compare;
@@ -21,6 +20,7 @@ pub mod export;
 pub mod folder;
 mod mask;
 mod mirror;
+mod paper;
 pub mod photograph;
 pub mod plan;
 mod probe;
@@ -45,6 +45,6 @@ pub use problem::{AppError, SuggestionFormatter, Warning};
 pub use progress_log::ProgressLog;
 pub use reference::{GREY_REFLECTANCE, MeasuredReference, Reference, ReferenceTarget, WHITE_REFLECTANCE};
 pub use scene::{ObservedScene, Scene};
-pub use settings::{AS_CAPTURED, BasisSettings, ColourMode, KnownLight, LightMapSource, Method, Settings};
+pub use settings::{AS_CAPTURED, ColourMode, KnownLight, LightMapSource, Method, Settings};
 pub use shape::{NormalMap, PositionSource, Shape, ShapeKind, Source};
 pub use spaces::{Spaces, read_brdf};

@@ -3,10 +3,10 @@
 use gonio::lighting::LightPrior;
 use gonio::reflectance::BivariateTable;
 use gonio::shape::Points;
-use gonio::transfer::{Plan, PlanError, PlanSettings};
 use gonio_io::Error;
 use gonio_io::cache::Cache;
 use gonio_io::plan::{load_plan, plan_key, store_plan};
+use gonio_paper::{Plan, PlanError, PlanSettings};
 
 /// Origin of a plan.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -60,7 +60,7 @@ mod tests {
         let model = gonio_io::model::embedded().unwrap();
         let seen = fibonacci_hemisphere(150).map(|normal| SurfacePoint { normal, view: glam::DVec3::Z });
         let points: Vec<SurfacePoint> = seen.take(points).collect();
-        let settings = PlanSettings { side: 8, rank: 40, oversampling: 8, ..PlanSettings::default() };
+        let settings = PlanSettings { rank: 40, oversampling: 8, ..PlanSettings::of_side(8) };
         load_or_build(cache, &points, &model.reflectance.functions, &model.light, &settings, &|_| ())
     }
 
@@ -117,7 +117,7 @@ mod tests {
     fn rejects_too_few_points() {
         let dir = tempfile::tempdir().unwrap();
         for cache in [None, Some(&Cache::at(dir.path()))] {
-            assert_eq!(get(cache, 10).unwrap_err(), PlanError::TooFewPoints(10));
+            assert_eq!(get(cache, 10).unwrap_err(), gonio::transfer::TransferError::TooFewPoints(10).into());
         }
     }
 }

@@ -89,7 +89,7 @@ pub fn infer_all(
     }
     let (mut context, mut warnings) = (InferenceContext::of(model, settings)?, Vec::new());
     scene = context.with_mirror_ball(scene, None, settings, &mut warnings, progress_log)?;
-    if may_be_several(&scene) && settings.method.search().is_none() {
+    if may_be_several(&scene) && settings.method.paper().is_none() {
         progress_log.report("reading", 0.0);
         let photograph = scene.photograph.read(&scene.reading, scene.clip, &mut warnings)?;
         // The mask is read again, with its warnings, when it is used.
@@ -143,7 +143,7 @@ pub fn infer_regions(
     settings: &Settings<'_>,
     progress_log: &ProgressLog<'_>,
 ) -> Result<RegionsResult, AppError> {
-    if settings.method.search().is_some() {
+    if settings.method.paper().is_some() {
         return Err(AppError::new(
             "this method estimates one material; for several materials, use the method learnt or known-light",
         ));

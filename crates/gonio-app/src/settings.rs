@@ -2,11 +2,11 @@
 
 use gonio::colour::{Chroma, white_chroma};
 use gonio::estimate::{Alignment, ColouringRule, EstimateSettings};
-use gonio::inference::Solver;
 use gonio::lighting::EnvironmentMap;
 use gonio::model::Model;
 use gonio::sphere::OctahedralMap;
 use gonio::suggestion::Suggestion;
+use gonio_paper::{PaperMethod, PaperSettings};
 
 use crate::{AppError, MirrorBall, Source, Spaces, SuggestionFormatter};
 
@@ -37,12 +37,10 @@ pub enum Method {
     Learnt,
     /// Posterior of materials under a known light.
     KnownLight(KnownLight),
-    /// Separable posterior of light and reflectance: Algorithm 1 of the paper.
-    Variational(BasisSettings),
-    /// Joint MAP estimate of light and reflectance.
-    JointMap(BasisSettings),
+    /// A method of the paper under unknown light. [`Settings::side`] replaces the side.
+    Paper(PaperSettings),
     /// Basis coefficients under a known light, as in the paper.
-    KnownLightBasis(BasisSettings, Source<EnvironmentMap>),
+    KnownLightBasis(PaperSettings, Source<EnvironmentMap>),
 }
 
 /// A known light.
@@ -75,38 +73,23 @@ impl LightMapSource {
     }
 }
 
-/// Settings of the search for reflectance coefficients.
-#[derive(Clone, Debug, PartialEq)]
-pub struct BasisSettings {
-    /// Solver of the separable posterior.
-    pub solver: Solver,
-    /// Random starts, at least one.
-    pub starts: usize,
-    /// Seed of the random starts.
-    pub seed: u64,
-    /// Reproduce the paper's setup: its light map, normals and starts, and Algorithm 1 as printed.
-    pub paper: bool,
-    /// Run on all observations instead of their projection.
-    pub full_rows: bool,
-}
-
 impl Method {
     /// Returns the name of the method in results.
     pub fn name(&self) -> &'static str {
         match self {
             Self::Learnt => "learnt",
-            Self::Variational(_) => "variational",
-            Self::JointMap(_) => "map",
+            Self::Paper(PaperSettings { method: PaperMethod::Variational, .. }) => "variational",
+            Self::Paper(PaperSettings { method: PaperMethod::JointMap, .. }) => "map",
             Self::KnownLight(_) => "known-light",
             Self::KnownLightBasis(..) => "known-light-basis",
         }
     }
 
-    /// Returns the settings of the search, for the methods of the paper.
-    pub(crate) fn search(&self) -> Option<&BasisSettings> {
+    /// Returns the settings of a method of the paper.
+    pub(crate) fn paper(&self) -> Option<&PaperSettings> {
         match self {
             Self::Learnt | Self::KnownLight(_) => None,
-            Self::Variational(search) | Self::JointMap(search) | Self::KnownLightBasis(search, _) => Some(search),
+            Self::Paper(paper) | Self::KnownLightBasis(paper, _) => Some(paper),
         }
     }
 

@@ -11,12 +11,11 @@ use gonio::colour::ColourModel;
 use gonio::inference::learnt::LearntPosterior;
 use gonio::lighting::{EnvironmentMap, LightGrid, LightPrior, PriorSettings};
 use gonio::model::{Model, ModelError};
-use gonio::reflectance::nmf::NmfSettings;
-use gonio::reflectance::{
-    BivariateTable, Dictionary, DictionarySettings, LogBasis, ReflectanceBasis, TrainReport, TrainSettings, train,
-};
+use gonio::reflectance::{BivariateTable, Dictionary, DictionarySettings, LogBasis, ReflectanceBasis};
 use gonio::simulation::{ColourStock, ScenePool, ScenePoolSettings};
 use gonio::sphere::OctahedralMap;
+use gonio_paper::nmf::NmfSettings;
+use gonio_paper::training::{TrainReport, TrainSettings, train};
 pub use gonio_train::TrainingLosses;
 use gonio_train::{Checkpoint, Monitor, TrainError, TrainingSettings, learn};
 use rayon::prelude::*;

@@ -5,16 +5,15 @@ use std::time::Instant;
 
 use anyhow::{Result, bail};
 use clap::ValueEnum;
-use gonio::inference::Solver;
 use gonio::scene::Circle;
 use gonio_app::folder::{default_output, for_results, holds_results, would_replace};
 use gonio_app::regions::{InferenceOutcome, RegionsResult, infer_all};
 use gonio_app::{
-    Alignment, BasisSettings, ColourMode, KnownLight, LightMapSource, Method, MirrorBall, ProgressLog, Settings,
-    Source, Spaces,
+    Alignment, ColourMode, KnownLight, LightMapSource, Method, MirrorBall, ProgressLog, Settings, Source, Spaces,
 };
 use gonio_io::atomic::StagedFolder;
 use gonio_io::result::Reference;
+use gonio_paper::{PaperMethod, PaperSettings, Solver};
 use serde_json::json;
 
 use crate::input;
@@ -222,8 +221,15 @@ impl InferOptions {
             Some(SolverName::Parallel) => Solver::Parallel,
             Some(SolverName::Printed) => Solver::Printed,
         };
-        let (starts, seed) = (self.starts.unwrap_or(4) as usize, self.seed.unwrap_or(1));
-        let search = BasisSettings { solver, starts, seed, paper: self.paper, full_rows: self.full_rows };
+        let usual = PaperSettings::default();
+        let search = PaperSettings {
+            solver,
+            starts: self.starts.map_or(usual.starts, |starts| starts as usize),
+            seed: self.seed.unwrap_or(usual.seed),
+            as_printed: self.paper,
+            full_rows: self.full_rows,
+            ..usual
+        };
         let usual = if self.light.is_some() || self.mirror_ball.is_some() {
             MethodName::KnownLight
         } else {
@@ -264,8 +270,8 @@ impl InferOptions {
                 )
             }
             (MethodName::Learnt, None) => Method::Learnt,
-            (MethodName::Variational, None) => Method::Variational(search),
-            (MethodName::Map, None) => Method::JointMap(search),
+            (MethodName::Variational, None) => Method::Paper(search),
+            (MethodName::Map, None) => Method::Paper(PaperSettings { method: PaperMethod::JointMap, ..search }),
         };
         self.refuse_unused(name)?;
         Ok(method)

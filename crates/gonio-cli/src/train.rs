@@ -4,7 +4,6 @@ use std::cell::RefCell;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result};
-use gonio::reflectance::nmf::NmfSettings;
 use gonio::sphere::OctahedralMap;
 use gonio_app::training::{
     self, LightingSettings, Lights, Materials, PosteriorSettings, ReflectanceSettings, Resumption, TrainingError,
@@ -15,6 +14,7 @@ use gonio_io::model::{
     embedded, encode_lighting, encode_model, encode_posterior, encode_reflectance, read_lighting, read_model,
     read_posterior, read_reflectance,
 };
+use gonio_paper::nmf::NmfSettings;
 use serde_json::{Value, json};
 
 use crate::outcome::Outcome;

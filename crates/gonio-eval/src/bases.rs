@@ -1,8 +1,9 @@
 //! Bases of reflectance of several ranks, trained once and then kept in the user's cache.
 
 use anyhow::{Context, Result};
-use gonio::reflectance::{BivariateTable, ReflectanceBasis, TrainReport, TrainSettings, train};
+use gonio::reflectance::{BivariateTable, ReflectanceBasis};
 use gonio_io::cache::Cache;
+use gonio_paper::training::{TrainReport, TrainSettings, train};
 use serde::{Deserialize, Serialize};
 
 /// Version of the training, part of every cache key. Raise it when training gives different results
@@ -62,7 +63,7 @@ pub(crate) fn key(what: &str, settings: &impl Serialize, materials: &[(String, B
 
 #[cfg(test)]
 mod tests {
-    use gonio::reflectance::nmf::NmfSettings;
+    use gonio_paper::nmf::NmfSettings;
 
     use super::*;
 

@@ -20,7 +20,7 @@ use gonio::reflectance::BivariateTable;
 use gonio::render::{LightTree, Relighter};
 use gonio::shape::SurfacePoint;
 use gonio::sphere::OctahedralMap;
-use gonio::transfer::PlanSettings;
+use gonio::transfer::TransferSettings;
 
 use crate::bench::{ACCURACY, Progress};
 use crate::data::Lights;
@@ -92,7 +92,7 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
     let mut records = Vec::new();
     for light in &names {
         let map = lights.map(light)?;
-        let grid = map.to_grid(model.light.map, PlanSettings::default().side);
+        let grid = map.to_grid(model.light.map, TransferSettings::default().side);
         let truth: Vec<f64> = grid.texels().iter().map(|t| f64::from(luminance(*t))).collect();
         let tree = LightTree::of_map(&map);
         let [relighter, photographer] = [&points, &dense].map(|p| Relighter::new(p, &tables, &tree, &ACCURACY));
@@ -161,7 +161,7 @@ struct Found {
 /// Estimates the light of an image at points by all methods.
 fn find(points: &[SurfacePoint], image: &[f64], brdf: &BivariateTable, prior: &LightPrior) -> Result<[Found; 3]> {
     let values: Vec<Option<f64>> = image.iter().map(|v| Some(*v)).collect();
-    let problem = LightProblem::new(points, &values, None, brdf, prior, &PlanSettings::default())?;
+    let problem = LightProblem::new(points, &values, None, brdf, prior, &TransferSettings::default())?;
     let posterior = problem.posterior()?;
     let found = |light: &[f64], exposure: f64, start: Option<Instant>, converged| {
         let radiance: Vec<f64> = light.iter().map(|l| l * exposure).collect();
@@ -298,7 +298,7 @@ mod tests {
     #[test]
     fn non_negative_light_recovers_a_lamp_better() {
         let model = gonio_io::model::embedded().unwrap();
-        let side = PlanSettings::default().side;
+        let side = TransferSettings::default().side;
         let mut truth = vec![0.2; side * side];
         truth[10 * side + 17] = 300.0;
         let brdf = BivariateTable::from_fn(|h, _| 0.1 + 2.0 * (-(h / 0.15).powi(2)).exp());
@@ -307,15 +307,10 @@ mod tests {
             .map(|normal| SurfacePoint { normal, view: glam::DVec3::Z })
             .collect();
         let seen = vec![Some(1.0); points.len()];
-        let settings = PlanSettings::default();
+        let settings = TransferSettings::default();
         let grey = truth.iter().map(|x| glam::Vec3::splat(*x as f32)).collect();
-        let rows = gonio::transfer::Projected::unprojected(
-            &points,
-            &seen,
-            std::slice::from_ref(&brdf),
-            &model.light,
-            &settings,
-        );
+        let rows =
+            gonio_paper::Projected::unprojected(&points, &seen, std::slice::from_ref(&brdf), &model.light, &settings);
         let image =
             rows.unwrap().bilinear.apply(&LightGrid::from_texels(model.light.map, side, grey).coefficients(), &[1.0]);
         let found = find(&points, &image, &brdf, &model.light).unwrap();

@@ -18,7 +18,7 @@ use gonio::reflectance::BivariateTable;
 use gonio::render::{LightTree, Relighter};
 use gonio::scene::{ObservationSettings, Observations, SurfaceView};
 use gonio::shape::{Camera, Ellipsoid, Form, GeometryBuffer, Surface, Tracer, hit_at};
-use gonio::transfer::PlanSettings;
+use gonio::transfer::TransferSettings;
 use gonio_io::cache::Cache;
 
 use crate::bench::{ACCURACY, Progress, Protocol, Stage, add_noise};
@@ -165,7 +165,7 @@ impl Study<'_> {
         // The points do not depend on the values of the picture, so a uniform picture gives them.
         let blank = Picture { rgb: Plane::from_fn(camera.size.0, camera.size.1, |_, _| Vec3::ONE), alpha: None };
         let settings = ObservationSettings { clip: Some(f32::MAX), ..ObservationSettings::default() };
-        let plan = PlanSettings::default();
+        let plan = TransferSettings::default();
         let open = Observations::of_view(&blank, &view, None, &settings)?;
         let clear: Vec<DVec3> = open
             .pixels

@@ -5,9 +5,9 @@
 
 use divan::counter::BytesCount;
 use divan::{Bencher, black_box};
-use gonio::transfer::{Plan, PlanSettings};
 use gonio_io::cache::Cache;
 use gonio_io::plan::{decode_plan, encode_plan};
+use gonio_paper::{Plan, PlanSettings};
 
 fn main() {
     divan::main();
@@ -26,7 +26,7 @@ fn plan() -> Plan {
         points,
         k,
         q: values(points * rank),
-        r: values(rank * k * settings.side * settings.side),
+        r: values(rank * k * settings.transfer.side.pow(2)),
         energies: vec![1.0; rank],
         total_energy: rank as f64,
     }

@@ -7,7 +7,7 @@
 use gonio::lighting::LightPrior;
 use gonio::reflectance::BivariateTable;
 use gonio::shape::Points;
-use gonio::transfer::{Plan, PlanSettings};
+use gonio_paper::{Plan, PlanSettings};
 use serde::{Deserialize, Serialize};
 
 use crate::cache::Cache;
@@ -15,7 +15,7 @@ use crate::{Error, little_endian};
 
 /// Version, part of every key. Increase it whenever the bytes change, or [`Plan::build`] gives
 /// other results for the same input.
-pub const VERSION: u32 = 2;
+pub const VERSION: u32 = 3;
 
 #[derive(Serialize, Deserialize)]
 struct Header {
@@ -56,7 +56,7 @@ pub fn decode_plan(bytes: &[u8]) -> Option<Plan> {
     if version != VERSION {
         return None;
     }
-    let columns = settings.side.checked_pow(2)?.checked_mul(k)?;
+    let columns = settings.transfer.side.checked_pow(2)?.checked_mul(k)?;
     let (q, rest) = rest.split_at_checked(points.checked_mul(rank)?.checked_mul(4)?)?;
     let (r, energies) = rest.split_at_checked(rank.checked_mul(columns)?.checked_mul(4)?)?;
     if energies.len() != rank.checked_mul(8)? {
@@ -137,7 +137,7 @@ mod tests {
     use gonio::lighting::{CoefficientPrior, PriorGroup, ScaleMixture};
     use gonio::shape::SurfacePoint;
     use gonio::sphere::{OctahedralMap, fibonacci_hemisphere};
-    use gonio::transfer::QuadratureSettings;
+    use gonio::transfer::{QuadratureSettings, TransferSettings};
 
     use super::*;
 
@@ -163,7 +163,7 @@ mod tests {
             points: fibonacci_hemisphere(150).map(|normal| SurfacePoint { normal, view }).collect(),
             tables: vec![BivariateTable::from_fn(|_, _| 0.3), BivariateTable::from_fn(|h, _| (-9.0 * h * h).exp())],
             prior,
-            settings: PlanSettings { side: 8, rank: 40, oversampling: 8, ..PlanSettings::default() },
+            settings: PlanSettings { rank: 40, oversampling: 8, ..PlanSettings::of_side(8) },
         }
     }
 
@@ -195,7 +195,7 @@ mod tests {
         let length = u64::from_le_bytes(bytes[..8].try_into().unwrap()) as usize;
         let header = std::str::from_utf8(&bytes[8..8 + length]).unwrap();
         for (old, new) in [
-            ("\"version\":2", "\"version\":3"),
+            ("\"version\":3", "\"version\":4"),
             ("\"points\":150", "\"points\":15000000000000"),
             ("\"points\":150", "\"points\":1500000000000000000"),
             ("\"side\":8", "\"side\":9000000000000000000"),
@@ -217,7 +217,7 @@ mod tests {
             points,
             k,
             q: (0..points * rank).map(|i| i as f32).collect(),
-            r: (0..rank * k * settings.side * settings.side).map(|i| i as f32).collect(),
+            r: (0..rank * k * settings.transfer.side.pow(2)).map(|i| i as f32).collect(),
             energies: vec![0.1; rank],
             total_energy: 0.3,
         };
@@ -253,13 +253,13 @@ mod tests {
                 CoefficientPrior::Mixture(m) => m.variances[0] += 1e-12,
                 CoefficientPrior::Rectified(_) => unreachable!(),
             },
-            &move |i| i.settings = PlanSettings { side: 4, ..s },
+            &move |i| i.settings = PlanSettings { transfer: TransferSettings { side: 4, ..s.transfer }, ..s },
             &move |i| i.settings = PlanSettings { rank: 41, ..s },
             &move |i| i.settings = PlanSettings { oversampling: 9, ..s },
             &move |i| i.settings = PlanSettings { seed: 2, ..s },
-            &move |i| i.settings.quadrature = QuadratureSettings { base: 5, ..s.quadrature },
-            &move |i| i.settings.quadrature = QuadratureSettings { ratio: 0.31, ..s.quadrature },
-            &move |i| i.settings.quadrature = QuadratureSettings { core: 0.004, ..s.quadrature },
+            &move |i| i.settings.transfer.quadrature = QuadratureSettings { base: 5, ..s.transfer.quadrature },
+            &move |i| i.settings.transfer.quadrature = QuadratureSettings { ratio: 0.31, ..s.transfer.quadrature },
+            &move |i| i.settings.transfer.quadrature = QuadratureSettings { core: 0.004, ..s.transfer.quadrature },
         ];
         let mut keys: Vec<String> = changes.iter().map(|c| changed(c)).collect();
         keys.push(base.key());

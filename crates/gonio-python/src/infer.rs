@@ -3,7 +3,6 @@
 use glam::Vec3;
 use gonio::colour::ChromaField;
 use gonio::estimate::Material;
-use gonio::inference::Solver;
 use gonio::lighting::EnvironmentMap;
 use gonio::model::Model as Known;
 use gonio::picture::Plane;
@@ -11,11 +10,12 @@ use gonio::reflectance::{BivariateTable, THETA_D, THETA_H};
 use gonio::scene::Circle;
 use gonio_app::regions::{self, Regions};
 use gonio_app::{
-    Alignment, AppError, BasisSettings, ColourMode, InferenceResult, KnownLight, LightMapSource, Method, MirrorBall,
-    ProgressLog, Source, Spaces,
+    Alignment, AppError, ColourMode, InferenceResult, KnownLight, LightMapSource, Method, MirrorBall, ProgressLog,
+    Source, Spaces,
 };
 use gonio_io::colour_space::ColourSpace;
 use gonio_io::result;
+use gonio_paper::{PaperMethod, PaperSettings, Solver};
 use gonio_report::panels::Panels;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -60,8 +60,15 @@ impl InferSettings<'_> {
             "printed" => Solver::Printed,
             _ => Solver::Blocks,
         };
-        let (paper, full_rows) = (self.method == "paper", self.full_rows);
-        let search = BasisSettings { solver, starts: self.starts, seed: self.seed, paper, full_rows };
+        let search = PaperSettings {
+            method: if self.method == "map" { PaperMethod::JointMap } else { PaperMethod::Variational },
+            solver,
+            starts: self.starts,
+            seed: self.seed,
+            as_printed: self.method == "paper",
+            full_rows: self.full_rows,
+            ..PaperSettings::default()
+        };
         let map = match &self.light {
             None => None,
             Some(PictureArg::File(path)) => Some(Source::File(path.clone())),
@@ -94,8 +101,7 @@ impl InferSettings<'_> {
             }
             ("known-light-basis", Some(map)) => Ok(Method::KnownLightBasis(search, map)),
             ("learnt", _) => Ok(Method::Learnt),
-            ("variational" | "paper", _) => Ok(Method::Variational(search)),
-            ("map", _) => Ok(Method::JointMap(search)),
+            ("variational" | "paper" | "map", _) => Ok(Method::Paper(search)),
             (other, _) => Err(AppError::new(format!("method {other:?}: unknown method, or its light is missing"))),
         })
     }

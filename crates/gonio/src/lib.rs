@@ -40,11 +40,8 @@
 //!
 //! [`estimate::estimate`] performs steps 3 to 6. The steps require a [`model::Model`].
 //!
-//! The methods of the paper differ after step 2. [`transfer::Plan`] computes the bilinear operator
-//! of eq. 8, and [`transfer::Plan::project`] projects an image on its leading directions.
-//! [`inference::Problem`] adds the priors. [`inference::infer`] computes an
-//! [`inference::Posterior`] by Algorithm 1 ([`inference::Method::Variational`]), as the joint
-//! maximum, or under a known light.
+//! Under a known light, [`estimate::estimate_known_light`] replaces steps 3 to 5. The crate
+//! `gonio-paper` contains the methods of the paper, which also start from step 2.
 //!
 //! In the forward direction, [`render`] renders a BRDF ([`reflectance`]) on a sphere or a surface
 //! ([`shape`]) under a light ([`lighting`]). [`probe`] converts photographs of a mirror ball to
@@ -62,7 +59,6 @@ pub mod estimate;
 pub mod gloss;
 pub mod inference;
 pub mod lighting;
-mod linalg;
 pub mod model;
 pub mod picture;
 pub mod probe;

@@ -327,7 +327,7 @@ mod tests {
             rates: vec![2.0, 30.0],
             materials: vec![TrainingMaterial { name: "chalk".into(), scale: 0.3, coefficients: vec![0.9, 0.0] }],
         };
-        Model { light: crate::transfer::toy_prior(8), reflectance, learnt: None, provenance: "toys".into() }
+        Model { light: crate::testing::toy_prior(8), reflectance, learnt: None, provenance: "toys".into() }
     });
 
     fn check(spoil: impl FnOnce(&mut Model), message: &str) {

@@ -8,11 +8,11 @@ use gonio::inference::known_light::{
     Alignment, KnownLight, KnownLightPosterior, ObservedPoints, Operator, PriorMaterials,
 };
 use gonio::inference::learnt::MaterialPosterior;
-use gonio::inference::{JointMapSettings, Method, Posterior, Problem, Solver, VariationalSettings, infer};
 use gonio::lighting::EnvironmentMap;
 use gonio::reflectance::BivariateTable;
 use gonio::scene::Observations;
-use gonio::transfer::Projected;
+use gonio_paper::Projected;
+use gonio_paper::{JointMapSettings, Method, Posterior, Problem, Solver, VariationalSettings, infer};
 use serde::{Deserialize, Serialize};
 
 use super::learning::{LearntModels, MaterialSpace};

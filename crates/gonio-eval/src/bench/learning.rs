@@ -5,10 +5,11 @@ use gonio::colour::{Chroma, ColourModel, ColourSample};
 use gonio::inference::learnt::LearntPosterior;
 use gonio::lighting::LightPrior;
 use gonio::model::Model;
-use gonio::reflectance::{BivariateTable, Dictionary, DictionarySettings, LatentSpace, LogBasis, TrainSettings};
+use gonio::reflectance::{BivariateTable, Dictionary, DictionarySettings, LatentSpace, LogBasis};
 use gonio::shape::SurfacePoint;
-use gonio::transfer::Plan;
 use gonio_io::cache::Cache;
+use gonio_paper::Plan;
+use gonio_paper::training::TrainSettings;
 
 use super::grid::Protocol;
 use super::store::Conditions;

@@ -3,8 +3,9 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
-use gonio::inference::{Hyperparameters, VariationalSettings};
-use gonio::transfer::PlanSettings;
+use gonio::inference::Hyperparameters;
+use gonio_paper::PlanSettings;
+use gonio_paper::VariationalSettings;
 use serde::{Deserialize, Serialize};
 
 use super::estimators::Estimator;
@@ -214,7 +215,7 @@ impl Options {
         Ok(Conditions {
             version: VERSION,
             gonio: env!("CARGO_PKG_VERSION").to_owned(),
-            plan: PlanSettings { side: self.grid, rank: self.rows, ..PlanSettings::default() },
+            plan: PlanSettings { rank: self.rows, ..PlanSettings::of_side(self.grid) },
             rank: self.rank,
             normals: self.normals,
             starts: self.starts,

@@ -6,7 +6,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
-use gonio::transfer::PlanSettings;
+use gonio_paper::PlanSettings;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
@@ -241,11 +241,11 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         Store::open(dir.path(), &conditions()).unwrap();
         let mut other = conditions();
-        other.plan.side = 64;
+        other.plan.transfer.side = 64;
         other.noise = 0.01;
         let message = Store::open(dir.path(), &other).err().unwrap().to_string();
         assert!(
-            message.contains("plan.side is 32 in the folder and 64 in this run") && message.contains("noise"),
+            message.contains("plan.transfer.side is 32 in the folder and 64 in this run") && message.contains("noise"),
             "{message}"
         );
         let foreign = tempfile::tempdir().unwrap();

@@ -12,7 +12,7 @@ use gonio::inference::learnt::{MaterialPosterior, peak_to_body};
 use gonio::inference::light::{LightProblem, NonNegativeSettings};
 use gonio::lighting::LightPrior;
 use gonio::shape::SurfacePoint;
-use gonio::transfer::PlanSettings;
+use gonio::transfer::TransferSettings;
 
 /// Bounds of the gloss classes of the photographs, as logarithms.
 const BOUNDS: [f64; 6] = [f64::NEG_INFINITY, 1.5, 3.5, 6.0, 8.5, f64::INFINITY];
@@ -39,7 +39,7 @@ impl LightMisfit {
         let point = |&c: &usize| SurfacePoint { normal: normal(c).as_dvec3(), view: DVec3::Z };
         let points: Vec<SurfacePoint> = seen.iter().map(point).collect();
         let values: Vec<Option<f64>> = seen.iter().map(|&c| Some(f64::from(image.values[c]))).collect();
-        let problem = LightProblem::new(&points, &values, None, &posterior.mean, prior, &PlanSettings::default())
+        let problem = LightProblem::new(&points, &values, None, &posterior.mean, prior, &TransferSettings::default())
             .context("the light of a photograph")?;
         let light = problem.non_negative(&problem.posterior()?, &NonNegativeSettings::default())?;
         let radiance: Vec<f64> = light.light.iter().map(|l| l * light.exposure).collect();

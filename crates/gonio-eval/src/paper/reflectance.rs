@@ -4,12 +4,11 @@
 use anyhow::{Context, Result};
 use glam::Vec3;
 use gonio::picture::Plane;
-use gonio::reflectance::nmf::NmfSettings;
 use gonio::reflectance::parametric::{CookTorrance, Lafortune, Parametric, Ward};
-use gonio::reflectance::{
-    BivariateTable, ReflectanceBasis, THETA_D, THETA_H, TrainSettings, theta_d_of, theta_h_of, trusted_cells,
-};
+use gonio::reflectance::{BivariateTable, ReflectanceBasis, THETA_D, THETA_H, theta_d_of, theta_h_of, trusted_cells};
 use gonio_io::fits::ParametricFit;
+use gonio_paper::nmf::NmfSettings;
+use gonio_paper::training::TrainSettings;
 use maud::{Markup, html};
 
 use super::show::{self, Green};

@@ -3,13 +3,14 @@
 //! the joint maximum over the iterations.
 
 use anyhow::{Context, Result};
-use gonio::inference::{Hyperparameters, JointMapSettings, Method, Posterior, VariationalSettings};
+use gonio::inference::Hyperparameters;
 use gonio::picture::Picture;
 use gonio::reflectance::BivariateTable;
 use gonio::render::Tinted;
 use gonio::scene::{ObservationSettings, sphere_points};
 use gonio::sphere::{OctahedralMap, Wavelet};
-use gonio::transfer::Projected;
+use gonio_paper::Projected;
+use gonio_paper::{JointMapSettings, Method, Posterior, VariationalSettings};
 use maud::{Markup, html};
 use rayon::prelude::*;
 

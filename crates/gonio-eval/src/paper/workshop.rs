@@ -3,14 +3,15 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
-use gonio::inference::{Hyperparameters, JointMapSettings, Method, Posterior, Problem, VariationalSettings, infer};
+use gonio::inference::Hyperparameters;
 use gonio::model::Model;
 use gonio::reflectance::{BivariateTable, MerlTable};
 use gonio::render::LightTree;
 use gonio::shape::SurfacePoint;
-use gonio::transfer::{Plan, PlanSettings, Projected};
 use gonio_app::plan::load_or_build;
 use gonio_io::cache::Cache;
+use gonio_paper::{JointMapSettings, Method, Posterior, Problem, VariationalSettings, infer};
+use gonio_paper::{Plan, PlanSettings, Projected};
 
 use super::{Estimator, Options};
 use crate::data::Lights;

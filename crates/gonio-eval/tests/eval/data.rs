@@ -5,11 +5,12 @@ use std::path::PathBuf;
 
 use glam::DVec3;
 use gonio::reflectance::parametric::{CookTorrance, Parametric};
-use gonio::reflectance::{BivariateTable, TrainSettings, train, trusted_cells};
+use gonio::reflectance::{BivariateTable, trusted_cells};
 use gonio::shape::SurfacePoint;
 use gonio::sphere::{OctahedralMap, fibonacci_hemisphere};
 use gonio::transfer::{InterleavedTables, Quadrature, QuadratureSettings, polar_reference};
 use gonio_io::fits::ParametricFit;
+use gonio_paper::training::{TrainSettings, train};
 
 fn data() -> Option<PathBuf> {
     let folder = std::env::var_os("GONIO_DATA").map(PathBuf::from).filter(|p| p.is_dir());

@@ -1,6 +1,6 @@
 //! Sections on settings and on the methods of the paper.
 
-use gonio::inference::StartReport;
+use gonio_paper::StartReport;
 use serde::{Deserialize, Serialize};
 
 use super::number_or_nan;

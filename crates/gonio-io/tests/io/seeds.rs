@@ -54,9 +54,9 @@ fn exif(big: bool) -> Vec<u8> {
 
 /// A plan of three points, one table and a light of two by two texels, encoded as in the cache.
 fn cached() -> Vec<u8> {
-    let settings = gonio::transfer::PlanSettings { side: 2, ..Default::default() };
+    let settings = gonio_paper::PlanSettings::of_side(2);
     let (points, k, rank) = (3, 1, 2);
-    plan::encode_plan(&gonio::transfer::Plan {
+    plan::encode_plan(&gonio_paper::Plan {
         settings,
         points,
         k,

@@ -9,8 +9,9 @@
 use std::ops::Range;
 use std::sync::LazyLock;
 
+use gonio_linalg::dispatch;
+
 use super::disk::{BLACK, DISK_SIDE, on_disk};
-use crate::transfer::kernels::dispatch;
 
 /// Number of scales, each twice as coarse as the previous one, starting at one cell of the disk.
 const LEVELS: usize = 5;

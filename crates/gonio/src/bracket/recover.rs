@@ -15,12 +15,12 @@
 //! * Isotonic regression makes the curve increase.
 
 use faer::Mat;
+use gonio_linalg::solve_positive;
 use rayon::prelude::*;
 
 use super::frame::Frame;
 use super::response::interpolate;
 use super::{BracketError, Exposure, Response, check, median};
-use crate::linalg::solve_positive;
 
 /// Number of levels of the code at which the curve is estimated.
 const LEVELS: usize = 256;

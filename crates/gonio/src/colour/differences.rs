@@ -1,11 +1,11 @@
 //! Differences between the channels of a material and its luminance, and their estimates.
 
 use faer::Mat;
+use gonio_linalg::eigenvectors;
 
 use crate::appearance::DiskImage;
 use crate::inference::Embedding;
 use crate::inference::learnt::LearntPosterior;
-use crate::linalg::eigenvectors;
 use crate::reflectance::{BivariateTable, LatentSpace, trusted_cells};
 
 /// Smallest ratio of a channel's albedo or mean to that of the luminance.

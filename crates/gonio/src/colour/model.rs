@@ -1,6 +1,7 @@
 //! Prior of the colours, and posterior of the channels.
 
 use faer::Mat;
+use gonio_linalg::{Cholesky, eigenvectors};
 use rand::{Rng, RngExt, SeedableRng};
 use rand_distr::{ChiSquared, Distribution, StandardNormal};
 use rand_pcg::Pcg64;
@@ -10,8 +11,6 @@ use serde::{Deserialize, Serialize};
 use super::chroma::Chroma;
 use super::differences::ChannelReading;
 use super::field::ChromaField;
-use crate::inference::light::Cholesky;
-use crate::linalg::eigenvectors;
 use crate::reflectance::{BivariateTable, CELLS, LatentSpace, nearest_trusted};
 
 /// Largest number of axes of the differences used under a known light.

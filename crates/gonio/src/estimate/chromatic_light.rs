@@ -13,18 +13,19 @@
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, Par};
 use glam::{DVec3, Vec3};
+use gonio_linalg::Cholesky;
 use rayon::prelude::*;
 
 use super::{Colouring, Diagnostic, EstimateError, Light};
 use crate::colour::Chroma;
-use crate::inference::light::{Cholesky, LightError};
+use crate::inference::light::LightError;
 use crate::lighting::{LightGrid, LightPrior};
 use crate::model::Model;
 use crate::picture::luminance;
 use crate::reflectance::BivariateTable;
 use crate::scene::Observations;
 use crate::sphere::{Haar, OctahedralMap};
-use crate::transfer::{PlanSettings, observed_rows};
+use crate::transfer::{TransferSettings, observed_rows};
 
 /// Blue-orange and green-magenta axis of the tints of red and blue, with the standard deviation
 /// along each over the directions of a light (`gonio-eval tints`).
@@ -112,7 +113,7 @@ impl Rows {
             return Ok(None);
         }
         let observations = observations.thinned(ROWS);
-        let settings = PlanSettings { side, ..PlanSettings::default() };
+        let settings = TransferSettings::of_side(side);
         let tables = colouring.field().tables(table);
         let (coefficients, _) =
             observed_rows(observations.points_with_visibility(), &observations.values, &tables, prior, &settings)

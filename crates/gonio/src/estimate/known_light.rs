@@ -16,7 +16,7 @@ use crate::inference::known_light::{
 };
 use crate::inference::learnt::MaterialPosterior;
 use crate::inference::light::LightError;
-use crate::inference::{Likelihood, ProblemError};
+use crate::inference::{ImageError, Likelihood};
 use crate::lighting::EnvironmentMap;
 use crate::model::Model;
 use crate::picture::Plane;
@@ -165,7 +165,7 @@ pub fn estimate_known_light(
     }
     // Self-shadowing is not removed: the encoder is accurate often enough despite it, and removing
     // it without the light would take longer than all other steps.
-    let image = DiskImage::gather(&observations.samples()).ok_or(LightError::Image(ProblemError::Black))?;
+    let image = DiskImage::gather(&observations.samples()).ok_or(LightError::Image(ImageError::Black))?;
     let hint = EncoderLikelihood::of(learnt, &learnt.encode(&image).embedding).ok_or(KnownLightError::Unsolvable)?;
     let gaussian = found.gaussian()?.informed_by(&hint).ok_or(KnownLightError::Unsolvable)?;
     let likelihood = Likelihood::Gaussian(gaussian);

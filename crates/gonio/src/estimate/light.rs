@@ -6,7 +6,7 @@ use crate::lighting::LightGrid;
 use crate::model::Model;
 use crate::reflectance::BivariateTable;
 use crate::scene::Observations;
-use crate::transfer::PlanSettings;
+use crate::transfer::TransferSettings;
 
 /// Largest side of a grid whose posterior is restricted to non-negative lights, which takes a
 /// minute at this side. On finer grids, whose dense matrices do not fit in memory, the mean is
@@ -77,7 +77,7 @@ impl Light {
     ) -> Result<Self, EstimateError> {
         settings.check(model)?;
         progress(EstimateStage::Transfer);
-        let plan = PlanSettings { side: settings.side, ..PlanSettings::default() };
+        let plan = TransferSettings::of_side(settings.side);
         let problem =
             LightProblem::of_observations(&observations.thinned(settings.observations), table, &model.light, &plan)?;
         progress(EstimateStage::Light);

@@ -12,7 +12,7 @@ use crate::inference::{Embedding, Likelihood};
 use crate::model::Model;
 use crate::reflectance::{BivariateTable, trusted_cells};
 use crate::scene::Observations;
-use crate::transfer::PlanSettings;
+use crate::transfer::TransferSettings;
 
 /// Albedo along the normal to which estimates are scaled, since a photograph under unknown
 /// illumination does not determine it.
@@ -178,7 +178,7 @@ impl<'a> MaterialDraft<'a> {
     pub(super) fn of(model: &'a Model, observations: &Observations, side: usize) -> Result<Self, EstimateError> {
         let learnt = model.learnt.as_ref().ok_or(EstimateError::NotLearnt)?;
         super::check_observed(observations)?;
-        let plan = PlanSettings { side, ..PlanSettings::default() };
+        let plan = TransferSettings::of_side(side);
         let settings = SphereEquivalentSettings::default();
         let equivalent = to_sphere_equivalent(observations, learnt, &model.light, &plan, &settings)?;
         let reading = learnt.encode(&equivalent.image);

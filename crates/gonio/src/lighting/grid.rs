@@ -101,7 +101,7 @@ impl LightGrid {
     }
 
     /// DC coefficient of every light whose integral is one: `1 / sqrt(4 pi)`.
-    pub(crate) fn normalised_dc() -> f64 {
+    pub fn normalised_dc() -> f64 {
         (4.0 * std::f64::consts::PI).sqrt().recip()
     }
 

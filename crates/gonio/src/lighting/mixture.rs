@@ -48,7 +48,7 @@ impl ScaleMixture {
 
     /// Logarithm of the density for a given `x^2`. For an expected square `<x^2>`, it is the bound
     /// of `<log p>` with the optimal responsibilities.
-    pub(crate) fn log_density_of_square(&self, x2: f64) -> f64 {
+    pub fn log_density_of_square(&self, x2: f64) -> f64 {
         self.log_joint(x2).fold(f64::NEG_INFINITY, log_add)
     }
 
@@ -58,7 +58,7 @@ impl ScaleMixture {
     }
 
     /// `log pi_n + log N(x; 0, s_n^2)` of each component, given `x^2` (or its expectation).
-    pub(crate) fn log_joint(&self, x2: f64) -> impl Iterator<Item = f64> + '_ {
+    pub fn log_joint(&self, x2: f64) -> impl Iterator<Item = f64> + '_ {
         self.weights.iter().zip(&self.variances).map(move |(w, v)| w.ln() - 0.5 * ((TAU * v).ln() + x2 / v))
     }
 

@@ -20,7 +20,7 @@ pub enum CoefficientPrior {
 
 impl CoefficientPrior {
     /// Mean and variance.
-    pub(crate) fn mean_and_variance(&self) -> (f64, f64) {
+    pub fn mean_and_variance(&self) -> (f64, f64) {
         match self {
             Self::Mixture(m) => (0.0, m.variance()),
             Self::Rectified(r) => {
@@ -233,7 +233,7 @@ impl LightPrior {
     ///
     /// # Panics
     /// If the prior does not cover the grid.
-    pub(crate) fn mean_and_variance(&self, side: usize) -> Vec<(f64, f64)> {
+    pub fn mean_and_variance(&self, side: usize) -> Vec<(f64, f64)> {
         assert!(side.ilog2() <= self.scales, "this prior covers grids of up to {} texels per side", self.finest_side());
         let dc = (LightGrid::normalised_dc(), 0.0);
         let rest = (1..side * side).map(|m| self.of_index(m).expect("the prior covers the grid").mean_and_variance());

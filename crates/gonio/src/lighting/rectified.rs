@@ -32,12 +32,12 @@ pub struct Moments {
 
 impl Moments {
     /// Moments of a Gaussian.
-    pub(crate) fn gaussian(mean: f64, variance: f64) -> Self {
+    pub fn gaussian(mean: f64, variance: f64) -> Self {
         Self { mean, variance, mean_log: -0.5 * ((TAU * variance).ln() + 1.0) }
     }
 
     /// `<x^2>`.
-    pub(crate) fn mean_square(&self) -> f64 {
+    pub fn mean_square(&self) -> f64 {
         self.variance + self.mean * self.mean
     }
 }
@@ -58,7 +58,7 @@ impl RectifiedGaussian {
     }
 
     /// Logarithm of the mass `P(x > T)` of the Gaussian before rectification.
-    pub(crate) fn log_mass(&self) -> f64 {
+    pub fn log_mass(&self) -> f64 {
         log_erfc(self.standard_threshold() * FRAC_1_SQRT_2) - std::f64::consts::LN_2
     }
 

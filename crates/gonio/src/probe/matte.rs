@@ -1,9 +1,9 @@
 //! Distinguishes a matte ball from a mirror ball.
 
 use faer::Mat;
+use gonio_linalg::solve_positive;
 
 use super::View;
-use crate::linalg::solve_positive;
 use crate::picture::luminance;
 use crate::scene::PixelStatus;
 

@@ -2,8 +2,7 @@
 
 use faer::Mat;
 use glam::{DMat3, DVec2, DVec3};
-
-use crate::linalg::solve_positive;
+use gonio_linalg::solve_positive;
 
 /// Applies a homography to a point. The result is not finite at the horizon.
 pub(super) fn apply(map: &DMat3, point: DVec2) -> DVec2 {

@@ -43,8 +43,8 @@ pub struct TrainingMaterial {
 
 /// Non-negative functions whose non-negative combinations are reflectances.
 ///
-/// The fields are public so that file formats can store them. [`train`](super::train) makes them
-/// consistent: `functions`, `rates` and each material's coefficients have the same length `K`.
+/// The fields are public so that file formats can store them. The training in `gonio-paper` makes
+/// them consistent: `functions`, `rates` and each material's coefficients have the same length `K`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ReflectanceBasis {
     /// Functions `phi_k`, each with maximum one over the trusted cells.
@@ -94,37 +94,20 @@ impl ReflectanceBasis {
     /// # Errors
     /// If a trusted cell is not finite, or the least squares fail because a function is not finite.
     pub fn project(&self, table: &BivariateTable) -> Result<Vec<f64>, BasisError> {
-        self.projector().project(table)
-    }
-
-    /// Returns a projector that stores the inner products of the functions, for many tables.
-    pub(super) fn projector(&self) -> Projector<'_> {
         let cells: Vec<usize> = trusted_cells().collect();
+        if let Some(&c) = cells.iter().find(|&&c| !table.as_slice()[c].is_finite()) {
+            return Err(BasisError::NotFinite { theta_h: c / THETA_D, theta_d: c % THETA_D });
+        }
         let dot = |a: &BivariateTable, b: &BivariateTable| inner(&cells, a, b);
         let gram = Mat::from_fn(self.len(), self.len(), |i, j| dot(&self.functions[i], &self.functions[j]));
-        Projector { functions: &self.functions, gram, cells }
+        let h: Vec<f64> = self.functions.iter().map(|f| dot(f, table)).collect();
+        Ok(nnls(gram.as_ref(), &h)?)
     }
 }
 
 fn inner(cells: &[usize], a: &BivariateTable, b: &BivariateTable) -> f64 {
     let (a, b) = (a.as_slice(), b.as_slice());
     cells.iter().map(|&c| f64::from(a[c]) * f64::from(b[c])).sum()
-}
-
-pub(super) struct Projector<'a> {
-    functions: &'a [BivariateTable],
-    gram: Mat<f64>,
-    cells: Vec<usize>,
-}
-
-impl Projector<'_> {
-    pub(super) fn project(&self, table: &BivariateTable) -> Result<Vec<f64>, BasisError> {
-        if let Some(&c) = self.cells.iter().find(|&&c| !table.as_slice()[c].is_finite()) {
-            return Err(BasisError::NotFinite { theta_h: c / THETA_D, theta_d: c % THETA_D });
-        }
-        let h: Vec<f64> = self.functions.iter().map(|f| inner(&self.cells, f, table)).collect();
-        Ok(nnls(self.gram.as_ref(), &h)?)
-    }
 }
 
 #[cfg(test)]

@@ -4,8 +4,9 @@
 //! hundred materials to a few percent, both in the diffuse part and in the peak. A factorisation of
 //! the values themselves spends all its functions on the peaks of metals.
 
+use gonio_linalg::{principal_axes, project};
+
 use super::table::BivariateTable;
-use crate::linalg::{principal_axes, project};
 
 /// Smallest reflectance in 1/sr whose logarithm is used, a thousandth of the reflectance of soot.
 const DARKEST: f32 = 1e-6;

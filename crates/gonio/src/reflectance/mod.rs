@@ -4,11 +4,9 @@ mod basis;
 mod dictionary;
 mod distance;
 mod log_basis;
-pub mod nmf;
 pub mod nnls;
 pub mod parametric;
 mod table;
-mod train;
 
 pub use basis::{BasisError, ReflectanceBasis, TrainingMaterial};
 pub(crate) use dictionary::unit_field;
@@ -22,4 +20,3 @@ pub use table::{
     place_of, theta_d_of, theta_h_of, trusted_cells,
 };
 pub(crate) use table::{axis_d, axis_h, nearest_trusted};
-pub use train::{Candidate, MaterialFit, TrainError, TrainReport, TrainSettings, train};

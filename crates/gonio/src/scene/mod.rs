@@ -13,9 +13,8 @@
 //! Pictures have x to the right and y down, with the centre of the first pixel at (0.5, 0.5);
 //! normals have y up.
 //!
-//! The points of the surface depend on settings and shape, but not on the radiance, so two images
-//! of one ball share a [`Plan`](crate::transfer::Plan). An unobserved point (clipped, masked,
-//! cropped) has the value `None`.
+//! The points of the surface depend on settings and shape, but not on the radiance. An unobserved
+//! point (clipped, masked, cropped) has the value `None`.
 
 mod background;
 mod ball_detection;

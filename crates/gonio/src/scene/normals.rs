@@ -5,7 +5,6 @@ use std::collections::BTreeMap;
 use glam::{DVec3, Vec3};
 
 use super::components::neighbours;
-use super::observations::MIN_POINTS;
 use super::observed::{COVERED, ObservedColour, check_size};
 use super::paint_segmentation::SurfaceGeometry;
 use super::repair::{repaired, without_outliers};
@@ -17,6 +16,7 @@ use crate::appearance::Sample;
 use crate::picture::{Picture, Plane, luminance};
 use crate::shape::SurfacePoint;
 use crate::sphere::OctahedralMap;
+use crate::transfer::MIN_POINTS;
 
 /// Largest error of a normal's length: renderers filter normals, and 8-bit files round them.
 const LENGTH_TOLERANCE: f32 = 0.05;

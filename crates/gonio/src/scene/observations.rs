@@ -17,10 +17,7 @@ use crate::picture::{Picture, Plane, luminance};
 use crate::shape::Visibility;
 use crate::shape::{Points, SurfacePoint};
 use crate::sphere::fibonacci_hemisphere;
-
-/// Smallest number of points with a value, as required by
-/// [`Plan::project`](crate::transfer::Plan::project).
-pub(super) const MIN_POINTS: usize = 50;
+use crate::transfer::MIN_POINTS;
 
 /// Smallest share of the interpolation weight that the valid pixels around a point must have if the
 /// others are faulty.

@@ -2,12 +2,12 @@
 
 use faer::Mat;
 use glam::{DMat3, DVec2, DVec3};
+use gonio_linalg::solve_positive;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
 use super::SceneError;
 use super::circle::{MIN_BALL_RADIUS, outline};
-use crate::linalg::solve_positive;
 use crate::picture::Plane;
 use crate::shape::{Camera, Ellipsoid};
 

@@ -2,10 +2,10 @@
 
 use glam::DVec3;
 
-use super::observations::MIN_POINTS;
 use super::{Observations, SceneError};
 use crate::shape::{Camera, Surface, Viewpoint, Visibility, hit_at};
 use crate::sphere::OctahedralMap;
+use crate::transfer::MIN_POINTS;
 
 /// Smallest visible share of a uniform sky; below it, the object itself lights the point as much as
 /// the environment does.

@@ -9,6 +9,7 @@
 use faer::linalg::matmul::matmul;
 use faer::{Accum, MatMut, MatRef, Par};
 use glam::Vec3;
+use gonio_linalg::dispatch;
 use rayon::prelude::*;
 
 use super::gather::{Cells, Gather, Lamp, Layout, Ring};
@@ -16,7 +17,6 @@ use super::orbit::{Orbits, WAYS};
 use super::pyramid::LightPyramid;
 use crate::reflectance::{BivariateTable, THETA_H};
 use crate::render::pyramid::{Part, level};
-use crate::transfer::kernels::dispatch;
 
 /// Number of rings of half vectors about a normal. The rings are spaced evenly in the square root
 /// of the angle, like the rows of a table.

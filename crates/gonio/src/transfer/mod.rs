@@ -1,26 +1,17 @@
-//! Bilinear operator of eq. 8: the image of a known shape for given coefficients (paper 3.3).
+//! Light transport of eq. 8: the image of a known shape for given light and reflectance.
 //!
-//! * [`Quadrature`] integrates every basis function over every texel of the light grid for one
-//!   point of the surface.
-//! * [`Plan::build`] does so for all points and keeps the leading left singular directions of the
-//!   result.
-//! * [`Bilinear`] is the operator on those directions, which the inference uses.
+//! * [`Quadrature`] integrates every table over every texel of the light grid for one point of the
+//!   surface.
+//! * [`TransferRows`] computes the rows of all points in the Haar domain.
+//! * [`predict`] predicts the pixels of a surface from a BRDF and a light.
 
-mod bilinear;
-pub(crate) mod kernels;
-mod plan;
+mod kernels;
 mod predict;
 mod quadrature;
 mod reference;
-mod sketch;
+mod rows;
 
-pub use bilinear::Bilinear;
-pub(crate) use plan::observed_rows;
-pub use plan::{Plan, PlanError, PlanSettings, Projected};
 pub use predict::{Prediction, predict};
 pub use quadrature::{InterleavedTables, Quadrature, QuadratureSettings};
 pub use reference::polar_reference;
-
-#[cfg(test)]
-pub(crate) use plan::tests::{sphere_points, toy_prior, toy_sky, toy_tables};
-pub(crate) use sketch::column_bands;
+pub use rows::{MIN_POINTS, TransferError, TransferRows, TransferSettings, observed_rows};

@@ -199,7 +199,7 @@ impl Quadrature {
     pub fn integrate(&self, point: &SurfacePoint, tables: &InterleavedTables, out: &mut [f32]) {
         assert_eq!(out.len(), self.texels() * tables.stride());
         let point = Point { normal: point.normal.as_vec3(), view: point.view.as_vec3() };
-        kernels::dispatch(Integration { quadrature: self, point, tables, out });
+        gonio_linalg::dispatch(Integration { quadrature: self, point, tables, out });
     }
 }
 

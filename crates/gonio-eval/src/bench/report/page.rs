@@ -79,7 +79,7 @@ pub(super) fn page(conditions: &Conditions, summaries: &[Summary], records: &Rec
              lights in which the estimate is relit: " (conditions.relight.join(", ")) "."
         }
         p.note {
-            "Light grid " (conditions.plan.side) " x " (conditions.plan.side) ", " (conditions.plan.rank) " rows, "
+            "Light grid " (conditions.plan.transfer.side) " x " (conditions.plan.transfer.side) ", " (conditions.plan.rank) " rows, "
             (conditions.rank) " basis functions, " (conditions.starts) " start(s), noise " (100.0 * conditions.noise)
             " %, relative to the mean. gonio " (conditions.gonio) ". Reference pictures come from full tables (90 x 90 x 180) of reconstructed or \
             genuine MERL materials, or of materials of other kinds, in lights of full resolution."

@@ -48,7 +48,7 @@ fn channel(light: &LightGrid, c: usize) -> LightGrid {
 fn photograph(table: &BivariateTable, colours: &ChromaField, light: &LightGrid, noise: f64) -> Observations {
     let settings = crate::scene::ObservationSettings { normals: 900, ..Default::default() };
     let points = sphere_points(&settings);
-    let plan = PlanSettings { side: FINE, ..PlanSettings::default() };
+    let plan = TransferSettings::of_side(FINE);
     let prior = prior();
     let of_channel = |c: usize| -> Vec<f64> {
         let tables = colours.tables(table);

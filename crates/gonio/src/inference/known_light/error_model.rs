@@ -2,9 +2,7 @@
 
 use faer::Mat;
 use glam::DVec3;
-
-use crate::inference::light::Cholesky;
-use crate::linalg::eigenvectors;
+use gonio_linalg::{Cholesky, eigenvectors};
 
 /// Distance of normals on the unit sphere over which the correlation of the discrepancy falls to
 /// 1/e: 22 degrees, as measured on training materials in training lights (docs/trials.md).
@@ -146,7 +144,7 @@ mod tests {
             let white: Vec<f64> = (0..600).map(|_| StandardNormal.sample(&mut rng)).collect();
             let residual: Vec<f64> = (0..600)
                 .map(|i| {
-                    let smooth: f64 = (0..=i).map(|j| factor.lower[(i, j)] * white[j]).sum();
+                    let smooth: f64 = (0..=i).map(|j| factor.lower()[(i, j)] * white[j]).sum();
                     let draw: f64 = StandardNormal.sample(&mut rng);
                     smooth + noise * draw
                 })

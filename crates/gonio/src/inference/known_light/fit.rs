@@ -4,13 +4,13 @@ use std::ops::Range;
 
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, Par};
+use gonio_linalg::Cholesky;
 use rayon::prelude::*;
 
 use super::error_model::{ErrorModel, median};
 use super::light::Operator;
 use super::space::ParameterSpace;
 use super::{KnownLightError, ObservedPoints};
-use crate::inference::light::Cholesky;
 use crate::reflectance::CELLS;
 
 /// Number of rounds. The error model is re-estimated before the steps of a round and fixed during

@@ -1,6 +1,7 @@
 //! Gaussian posterior of the material without its scale, for draws, storage and products.
 
 use faer::Mat;
+use gonio_linalg::Cholesky;
 use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64;
@@ -9,7 +10,6 @@ use serde::{Deserialize, Serialize};
 
 use super::hint::EncoderLikelihood;
 use super::space::ParameterSpace;
-use crate::inference::light::Cholesky;
 use crate::reflectance::{BivariateTable, LatentSpace};
 
 /// Gaussian posterior of the coefficients of the logarithm of reflectance: first those of the
@@ -118,7 +118,7 @@ impl Gaussian {
         let (precision, information) = Self::sums(all, deviation);
         let factor = Cholesky::new(precision)?;
         let explained: f64 = factor.solve(&information).iter().zip(&information).map(|(m, h)| m * h).sum();
-        let of_posterior: f64 = (0..information.len()).map(|i| 2.0 * factor.lower[(i, i)].ln()).sum();
+        let of_posterior: f64 = (0..information.len()).map(|i| 2.0 * factor.lower()[(i, i)].ln()).sum();
         let of_prior: f64 = all[0].prior(all[0].axes(), deviation).map(f64::ln).sum();
         Some(0.5 * (explained + of_prior - of_posterior))
     }

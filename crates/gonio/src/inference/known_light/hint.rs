@@ -8,11 +8,10 @@
 //! effect is small (docs/trials.md).
 
 use faer::Mat;
+use gonio_linalg::{Cholesky, eigenvectors};
 
 use super::gaussian::times;
 use crate::inference::learnt::LearntPosterior;
-use crate::inference::light::Cholesky;
-use crate::linalg::eigenvectors;
 
 /// Share of the information that is used.
 const POWER: f64 = 0.5;

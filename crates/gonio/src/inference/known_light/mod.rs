@@ -12,8 +12,8 @@
 //! most probable table, and the posterior is the Gaussian around it (Laplace's approximation). The
 //! learnt posterior of the same photograph is an additional likelihood.
 //!
-//! The paper's estimate under a known light, coefficients of ten functions, is
-//! [`Method::KnownLight`](super::Method::KnownLight).
+//! The crate `gonio-paper` contains the paper's estimate under a known light, coefficients of ten
+//! functions.
 
 mod align;
 mod channels;
@@ -28,10 +28,10 @@ mod tests;
 mod turn;
 
 use glam::{DQuat, DVec3};
+use gonio_linalg::Cholesky;
 use rayon::prelude::*;
 use thiserror::Error;
 
-use crate::inference::light::Cholesky;
 use crate::reflectance::{BivariateTable, LatentSpace};
 use crate::render::IntegratorSettings;
 use crate::shape::{SurfacePoint, Visibility};

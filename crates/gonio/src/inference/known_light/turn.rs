@@ -2,12 +2,12 @@
 
 use faer::Mat;
 use glam::{DQuat, DVec3};
+use gonio_linalg::Cholesky;
 use rayon::prelude::*;
 
 use super::ObservedPoints;
 use super::fit::{ImageModel, LaplaceFit, whitened};
 use super::light::KnownLight;
-use crate::inference::light::Cholesky;
 use crate::picture::luminance;
 use crate::reflectance::BivariateTable;
 use crate::render::{IntegratorSettings, nodes};

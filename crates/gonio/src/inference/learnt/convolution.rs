@@ -10,8 +10,7 @@ use std::ops::Range;
 
 use faer::linalg::matmul::matmul;
 use faer::{Accum, MatMut, MatRef, Par};
-
-use crate::transfer::kernels::dispatch;
+use gonio_linalg::dispatch;
 
 /// Bytes of gathered neighbourhoods in one tile.
 const TILE: usize = 1 << 18;

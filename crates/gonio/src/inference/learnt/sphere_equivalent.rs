@@ -9,11 +9,11 @@
 
 use super::LearntPosterior;
 use crate::appearance::{DiskImage, Lattice, Sample};
-use crate::inference::ProblemError;
+use crate::inference::ImageError;
 use crate::inference::light::{LightError, LightProblem, cut_off_at_zero};
 use crate::lighting::{LightGrid, LightPrior};
 use crate::scene::Observations;
-use crate::transfer::{PlanSettings, Prediction, QuadratureSettings, predict};
+use crate::transfer::{Prediction, QuadratureSettings, TransferSettings, predict};
 
 /// Settings of the removal of shadows.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -70,13 +70,13 @@ pub fn to_sphere_equivalent(
     observations: &Observations,
     learnt: &LearntPosterior,
     prior: &LightPrior,
-    plan: &PlanSettings,
+    plan: &TransferSettings,
     settings: &SphereEquivalentSettings,
 ) -> Result<SphereEquivalent, LightError> {
     let weights = observations.effective_weights();
     let points = &observations.points;
     let samples = observations.samples();
-    let mut image = DiskImage::gather(&samples).ok_or(LightError::Image(ProblemError::Black))?;
+    let mut image = DiskImage::gather(&samples).ok_or(LightError::Image(ImageError::Black))?;
     let mut channels = channels_of(&samples, &image);
     let parallel = points.iter().all(|p| p.view == glam::DVec3::Z);
     let mut change = 0.0;

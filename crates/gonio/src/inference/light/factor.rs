@@ -4,11 +4,8 @@
 use faer::linalg::matmul::matmul;
 use faer::linalg::triangular_solve::solve_lower_triangular_in_place;
 use faer::{Accum, Mat, MatRef, Par};
+use gonio_linalg::{Cholesky, axpy, bands_of, dispatch, dot, each_column, squared_norms};
 use rayon::prelude::*;
-
-use super::dense::{Cholesky, bands_of};
-use crate::linalg::{each_column, squared_norms};
-use crate::transfer::kernels::{axpy, dispatch, dot};
 
 /// Number of coefficients whose images are summed together; constant, so that results do not depend
 /// on the number of threads.
@@ -168,7 +165,7 @@ impl<'a> Factor<'a> {
 
     /// `log det S`.
     pub(super) fn log_det(&self) -> f64 {
-        let lower = &self.cholesky.lower;
+        let lower = self.cholesky.lower();
         2.0 * (0..lower.nrows()).map(|i| lower[(i, i)].ln()).sum::<f64>()
     }
 
@@ -238,7 +235,7 @@ impl<'a> Factor<'a> {
         }
         let solved = if let Some(scaled) = &self.scaled {
             let mut solved = scaled.clone();
-            let lower = self.cholesky.lower.as_ref();
+            let lower = self.cholesky.lower();
             bands_of(solved.as_mut()).into_par_iter().for_each(|(_, band)| {
                 solve_lower_triangular_in_place(lower, band, Par::Seq);
             });

@@ -33,8 +33,6 @@
 //! includes the densities of `log g` and `log b` that follow from [`Hyperparameters`], so that the
 //! optimal `b` is `(a + N/2) / (b_0 + E/2)` as in Algorithm 1.
 
-pub(crate) mod dense;
-pub(crate) use dense::Cholesky;
 mod factor;
 mod operator;
 mod point;
@@ -55,13 +53,13 @@ pub use posterior::{InferenceSettings, LightPosterior};
 pub use problem::{LightError, LightProblem};
 use scales::Scales;
 
-use super::{Hyperparameters, ProblemError};
+use super::{Hyperparameters, ImageError};
 use crate::lighting::{LightGrid, LightPrior};
 
 /// Image on r rows with everything that does not depend on reflectance: the priors of light,
 /// exposure and noise.
 ///
-/// As in [`Problem`](crate::inference::Problem), the image is scaled to root mean square one;
+/// The image is scaled to root mean square one;
 /// bounds are logarithms of the density of the scaled image.
 #[derive(Clone, Debug)]
 pub struct LightInference<'a> {
@@ -102,15 +100,10 @@ impl<'a> LightInference<'a> {
         m: usize,
         light: &'a LightPrior,
         hyper: Hyperparameters,
-    ) -> Result<Self, ProblemError> {
+    ) -> Result<Self, ImageError> {
         assert!(pixels >= target.len(), "{pixels} pixels for {} rows", target.len());
         let energy = target.iter().map(|t| t * t).sum::<f64>() + outside;
-        if !energy.is_finite() {
-            return Err(ProblemError::NotFinite);
-        }
-        if energy <= 0.0 {
-            return Err(ProblemError::Black);
-        }
+        ImageError::check(energy)?;
         let scale = (pixels as f64 / energy).sqrt();
         let priors: Vec<_> = (1..m).map(|m| light.of_index(m).expect("the prior covers the operator")).collect();
         Ok(Self {

@@ -1,9 +1,8 @@
 //! Linear map from light to image for one reflectance.
 
 use faer::Mat;
+use gonio_linalg::column_bands;
 use rayon::prelude::*;
-
-use crate::transfer::{Bilinear, column_bands};
 
 /// `B` (r x M): the image of light `l` is `B l`.
 #[derive(Clone, Debug, PartialEq)]
@@ -12,19 +11,11 @@ pub struct LightOperator {
 }
 
 impl LightOperator {
-    /// `B = sum_k f_k A_k` of reflectance coefficients `f` (K).
-    ///
-    /// # Panics
-    /// If there are not K coefficients.
-    pub fn of_reflectance(bilinear: &Bilinear, f: &[f64]) -> Self {
-        Self::from_rows(bilinear.rows(), bilinear.m(), &bilinear.of_reflectance(f))
-    }
-
     /// Builds the operator of any one BRDF from `entries`, row by row (rows x m).
     ///
     /// # Panics
     /// If there are not `rows * m` entries.
-    pub(crate) fn from_rows<A: Copy + Into<f64> + Sync>(rows: usize, m: usize, entries: &[A]) -> Self {
+    pub fn from_rows<A: Copy + Into<f64> + Sync>(rows: usize, m: usize, entries: &[A]) -> Self {
         assert_eq!(entries.len(), rows * m);
         let mut matrix = Mat::zeros(rows, m);
         // A band has as many columns as values of a row share a cache line.

@@ -3,11 +3,12 @@
 
 use std::f64::consts::TAU;
 
+use gonio_linalg::dot;
+
 use super::factor::{Design, Factor};
 use super::scales::ConditionalPrior;
 use super::{InferenceSettings, LightInference};
 use crate::lighting::RectifiedGaussian;
-use crate::transfer::kernels::dot;
 
 /// State of an ascent.
 #[derive(Clone, Debug, PartialEq)]

@@ -1,11 +1,11 @@
 //! Light without negative texels.
 
 use faer::Mat;
+use gonio_linalg::{each_column, squared_norms};
 
 use super::factor::Design;
 use super::truncated::{Sites, truncated};
 use super::{LightInference, LightInferenceError, LightPosterior};
-use crate::linalg::{each_column, squared_norms};
 use crate::sphere::Haar;
 
 /// Settings of the iterations of `non_negative_light`.
@@ -222,7 +222,7 @@ mod tests {
 
     /// Gaussian prior, which does not model lamps: the mean is negative beside them.
     fn gaussian_prior(side: usize) -> LightPrior {
-        let mut prior = crate::transfer::toy_prior(side);
+        let mut prior = crate::testing::toy_prior(side);
         for group in &mut prior.groups {
             if let CoefficientPrior::Mixture(mixture) = group {
                 *mixture = ScaleMixture { weights: vec![1.0], variances: vec![mixture.variance()] };
@@ -265,7 +265,7 @@ mod tests {
     #[test]
     fn result_is_independent_of_threads() {
         let Lamps { operator, target, .. } = lamps(16, 0.05);
-        let prior = crate::transfer::toy_prior(16);
+        let prior = crate::testing::toy_prior(16);
         let run = || {
             let inference =
                 LightInference::new(&target, 0.0, target.len(), 256, &prior, Hyperparameters::default()).unwrap();

@@ -1,9 +1,10 @@
 //! Bound on the evidence at one operator, and the expectation maximisation that raises it.
 
+use gonio_linalg::dot;
+
 use super::factor::{Design, Form};
 use super::point::{Point, State};
 use super::{LightInference, LightInferenceError, LightOperator};
-use crate::transfer::kernels::dot;
 
 /// Settings of [`LightInference::posterior`].
 #[derive(Clone, Debug, PartialEq)]

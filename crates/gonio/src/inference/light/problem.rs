@@ -7,12 +7,12 @@ use super::{
     InferenceSettings, LightInference, LightInferenceError, LightOperator, LightPosterior, NonNegativeLight,
     NonNegativeSettings,
 };
-use crate::inference::{Hyperparameters, ProblemError};
+use crate::inference::{Hyperparameters, ImageError};
 use crate::lighting::LightPrior;
 use crate::reflectance::BivariateTable;
 use crate::scene::Observations;
 use crate::shape::Points;
-use crate::transfer::{PlanError, PlanSettings, observed_rows};
+use crate::transfer::{TransferError, TransferSettings, observed_rows};
 
 /// Estimation of the light in an image of one BRDF, with one row for every observation.
 #[derive(Clone, Debug)]
@@ -27,10 +27,10 @@ pub struct LightProblem<'a> {
 pub enum LightError {
     /// No operator can be built from points, table and grid.
     #[error(transparent)]
-    Plan(#[from] PlanError),
+    Transfer(#[from] TransferError),
     /// The image is black or not finite.
     #[error(transparent)]
-    Image(#[from] ProblemError),
+    Image(#[from] ImageError),
     /// Values of the inference overflow.
     #[error(transparent)]
     LightPosterior(#[from] LightInferenceError),
@@ -65,7 +65,7 @@ impl<'a> LightProblem<'a> {
         weights: Option<&[f64]>,
         table: &BivariateTable,
         prior: &'a LightPrior,
-        settings: &PlanSettings,
+        settings: &TransferSettings,
     ) -> Result<Self, LightError> {
         let (rows, mut target) = observed_rows(points.into(), values, std::slice::from_ref(table), prior, settings)?;
         let mut operator = LightOperator::from_rows(target.len(), settings.side * settings.side, &rows);
@@ -92,7 +92,7 @@ impl<'a> LightProblem<'a> {
         observations: &Observations,
         table: &BivariateTable,
         prior: &'a LightPrior,
-        settings: &PlanSettings,
+        settings: &TransferSettings,
     ) -> Result<Self, LightError> {
         Self::new(
             observations.points_with_visibility(),

@@ -8,10 +8,8 @@ use rand_pcg::Pcg64;
 
 use super::point::State;
 use super::*;
-use crate::inference::tests::{Planted, planted};
 use crate::lighting::{CoefficientPrior, RectifiedGaussian, ScaleMixture};
-use crate::testing::{on_threads, random};
-use crate::transfer::Bilinear;
+use crate::testing::{on_threads, random, toy_prior};
 
 pub(super) fn identity(n: usize) -> Vec<Vec<f64>> {
     (0..n).map(|i| (0..n).map(|j| f64::from(u8::from(i == j))).collect()).collect()
@@ -352,19 +350,17 @@ fn bound_is_invariant_to_rotation_and_projection_of_rows() {
 
 #[test]
 fn scaling_the_image_scales_exposure_and_noise_alone() {
-    let mut planted = planted(60, 2, 0.05, 3);
-    let bilinear = planted.image.bilinear.clone();
-    let operator = LightOperator::of_reflectance(&bilinear, &planted.f);
-    let evidence = |planted: &Planted| {
-        let image = &planted.image;
-        let (target, prior) = (&image.target, &planted.prior);
-        let inference =
-            LightInference::new(target, image.outside, image.pixels, 16, prior, Hyperparameters::default()).unwrap();
+    let (rows, m) = (60, 16);
+    let (operator, prior) = (LightOperator::from_rows(rows, m, &random(rows * m, 3)), toy_prior(4));
+    let light: Vec<f64> =
+        prior.mean_and_variance(4).iter().map(|(mean, variance)| mean + 0.5 * variance.sqrt()).collect();
+    let image: Vec<f64> = operator.image(&light).iter().zip(random(rows, 4)).map(|(y, e)| y + 0.02 * e).collect();
+    let evidence = |factor: f64| {
+        let target: Vec<f64> = image.iter().map(|t| factor * t).collect();
+        let inference = LightInference::new(&target, 0.0, rows, m, &prior, Hyperparameters::default()).unwrap();
         inference.posterior(&operator, &tight()).unwrap()
     };
-    let one = evidence(&planted);
-    planted.image.target.iter_mut().for_each(|t| *t *= 1024.0);
-    let two = evidence(&planted);
+    let (one, two) = (evidence(1.0), evidence(1024.0));
     assert!((two.exposure / one.exposure / 1024.0 - 1.0).abs() < 1e-9);
     assert!((two.noise / one.noise / 1024.0 - 1.0).abs() < 1e-9);
     assert!((one.objective - two.objective).abs() < 1e-9 * one.objective.abs());
@@ -373,16 +369,14 @@ fn scaling_the_image_scales_exposure_and_noise_alone() {
 #[test]
 fn result_is_independent_of_threads() {
     // More rows and columns than one band.
-    let (rows, k, m) = (160, 2, 256);
-    let data: Vec<f32> = random(rows * k * m, 2).iter().map(|x| *x as f32).collect();
-    let bilinear = Bilinear::new(rows, k, m, data);
+    let (rows, m) = (160, 256);
+    let operator = LightOperator::from_rows(rows, m, &random(rows * m, 2));
     let mut rng = Pcg64::seed_from_u64(1);
     let light: Vec<f64> = (0..m).map(|_| 0.1 * Distribution::<f64>::sample(&StandardNormal, &mut rng)).collect();
-    let target = bilinear.apply(&light, &[0.5, 1.0]);
-    let prior = crate::transfer::toy_prior(16);
+    let (target, prior) = (operator.image(&light), toy_prior(16));
     let inference = LightInference::new(&target, 0.0, rows, m, &prior, Hyperparameters::default()).unwrap();
     let settings = InferenceSettings { max_steps: 5, ..Default::default() };
-    let run = || inference.posterior(&LightOperator::of_reflectance(&bilinear, &[0.5, 1.0]), &settings).unwrap();
+    let run = || inference.posterior(&operator, &settings).unwrap();
     assert_eq!(on_threads(1, run), on_threads(3, run));
 }
 

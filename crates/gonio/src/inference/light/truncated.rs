@@ -1,10 +1,9 @@
 //! Mean of a Gaussian truncated to `x >= 0`, by expectation propagation.
 
 use faer::Mat;
+use gonio_linalg::{Cholesky, squared_norms};
 
-use super::dense::Cholesky;
 use crate::lighting::RectifiedGaussian;
-use crate::linalg::squared_norms;
 
 /// Gaussians `exp(-t x^2 / 2 + s x)` that replace the n bounds.
 #[derive(Clone, Debug, PartialEq)]

@@ -1,12 +1,12 @@
 //! Approximate pictures of smooth models from few evaluations, for the search.
 
 use glam::DVec3;
+use gonio_linalg::{dispatch, dot};
 
 use crate::reflectance::parametric::{HORIZON, directions};
 use crate::reflectance::{BivariateTable, CELLS, PHI_D, THETA_D, THETA_H, angles_of, theta_d_of, theta_h_of};
 use crate::render::Relighter;
 use crate::shading::Shading;
-use crate::transfer::kernels::{dispatch, dot};
 
 /// Step between the half angles at which a model is evaluated, in cells (dense at the peak).
 const STEP_H: usize = 3;

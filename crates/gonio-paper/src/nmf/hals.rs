@@ -1,9 +1,10 @@
 //! Hierarchical alternating least squares for one start.
 
-use super::{NmfSettings, StartReport};
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, MatRef, Par};
-use pulp::Arch;
+use gonio_linalg::dispatch;
+
+use super::{NmfSettings, StartReport};
 
 /// Factors `X ~ w v'`: `w` is cells x rank, `v` samples x rank.
 #[derive(Clone, Debug)]
@@ -39,7 +40,7 @@ pub(super) fn dot(a: &Mat<f64>, b: &Mat<f64>) -> f64 {
 pub(super) fn sweep(u: &mut Mat<f64>, target: &Mat<f64>, gram: &Mat<f64>, times: usize) {
     // Compiled for the available vector units. Without sums across lanes, the result does not
     // depend on their width.
-    Arch::new().dispatch(|| sweep_lanes(u, target, gram, times));
+    dispatch(|| sweep_lanes(u, target, gram, times));
 }
 
 #[inline(always)]

@@ -4,11 +4,10 @@
 
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, MatMut, MatRef, Par, Side};
+use gonio_linalg::{column_bands, eigenvectors};
 use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 use rayon::prelude::*;
-
-use crate::linalg::eigenvectors;
 
 /// Source of rows: blocks of consecutive rows, either stored or recomputed on each pass.
 pub(super) trait RowBlocks {
@@ -42,21 +41,6 @@ fn product(out: MatMut<'_, f32>, accum: Accum, a: MatRef<'_, f32>, b: MatRef<'_,
         let width = out.ncols();
         matmul(out, accum, a, b.subcols(first, width), 1.0, Par::Seq);
     });
-}
-
-/// Splits a matrix into bands of columns that can be written concurrently.
-///
-/// Each band is paired with the index of its first column.
-pub(crate) fn column_bands<T>(matrix: MatMut<'_, T>, count: usize) -> Vec<(usize, MatMut<'_, T>)> {
-    let columns = matrix.ncols();
-    let (mut bands, mut rest, mut first) = (Vec::with_capacity(count), matrix, 0);
-    for band in 0..count {
-        let end = (band + 1) * columns / count;
-        let (head, tail) = rest.split_at_col_mut(end - first);
-        bands.push((first, head));
-        (rest, first) = (tail, end);
-    }
-    bands
 }
 
 /// Orthonormalises the columns in place by two passes of Cholesky QR in double precision.

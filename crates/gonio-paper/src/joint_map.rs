@@ -1,6 +1,7 @@
 //! Joint maximum of eq. 10 over light, reflectance, exposure and noise: the estimate of eq. 2,
 //! which wrongly prefers a mirror under blurred illumination. It serves as a comparison.
 
+use gonio::lighting::{CoefficientPrior, Moments};
 use rand::SeedableRng;
 use serde::{Deserialize, Serialize};
 
@@ -12,7 +13,6 @@ use super::light_system::LightSystem;
 use super::newton::Local;
 use super::parallel::search;
 use super::{Posterior, Problem, StartReport, VariationalParameters};
-use crate::lighting::{CoefficientPrior, Moments};
 
 /// Settings of the joint maximum.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

@@ -8,11 +8,11 @@
 //!
 //! Every cross term factors through `a_i` and `b_i`; no pixel needs an M x M or K x K matrix.
 
+use gonio::lighting::{CoefficientPrior, Moments, ScaleMixture};
 use puruspe::ln_gamma;
 
 use super::ensemble::AllMoments;
 use super::{Problem, VariationalParameters};
-use crate::lighting::{CoefficientPrior, Moments, ScaleMixture};
 
 /// Moments of q, and the expectations under q that determine the residual of eq. 9 and the cost.
 #[derive(Clone, Debug)]

@@ -2,13 +2,14 @@
 
 use std::collections::HashMap;
 
+use gonio::inference::Hyperparameters;
+use gonio::lighting::CoefficientPrior;
 use nuts_rs::{Chain, CpuLogpFunc, CpuMath, CpuMathError, DiagNutsSettings, HasDims, LogpError, Settings};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
 use super::tests::planted;
 use super::*;
-use crate::lighting::CoefficientPrior;
 use crate::testing::inner;
 
 /// `log p(l, f, g, sigma^-2 | I)` up to a constant, as a function of free coordinates

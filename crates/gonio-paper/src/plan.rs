@@ -7,28 +7,25 @@
 //! `Q' I` and the energy of `I` outside `Q`.
 
 use faer::{Mat, MatRef, Side};
-use rayon::prelude::*;
+use gonio::lighting::LightPrior;
+use gonio::reflectance::BivariateTable;
+use gonio::shape::Points;
+use gonio::transfer::{MIN_POINTS, TransferError, TransferRows, TransferSettings, observed_rows};
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-use super::sketch::{RowBlocks, Sketch, sketch};
-use super::{Bilinear, InterleavedTables, Quadrature, QuadratureSettings};
-use crate::lighting::{LightGrid, LightPrior};
-use crate::reflectance::BivariateTable;
-use crate::shape::{Points, SurfacePoint};
-use crate::sphere::Haar;
+use crate::Bilinear;
+use crate::sketch::{RowBlocks, Sketch, sketch};
 
 /// Settings of a plan.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PlanSettings {
-    /// Number of texels along a side of the light grid, a power of two.
-    pub side: usize,
+    /// Grid of the light and quadrature.
+    pub transfer: TransferSettings,
     /// Largest number of directions.
     pub rank: usize,
     /// Number of additional directions of the random sketch.
     pub oversampling: usize,
-    /// Quadrature of reflectance over texels.
-    pub quadrature: QuadratureSettings,
     /// Seed of the random sketch.
     pub seed: u64,
     /// Size of all rows in bytes below which they are stored.
@@ -39,34 +36,23 @@ pub struct PlanSettings {
 
 impl Default for PlanSettings {
     fn default() -> Self {
-        Self {
-            side: 32,
-            rank: 1000,
-            oversampling: 50,
-            quadrature: QuadratureSettings::default(),
-            seed: 1,
-            hold: 1_200_000_000,
-        }
+        Self { transfer: TransferSettings::default(), rank: 1000, oversampling: 50, seed: 1, hold: 1_200_000_000 }
+    }
+}
+
+impl PlanSettings {
+    /// Returns the default settings for a grid of `side` texels per side.
+    pub fn of_side(side: usize) -> Self {
+        Self { transfer: TransferSettings::of_side(side), ..Self::default() }
     }
 }
 
 /// Error in building or using a plan.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum PlanError {
-    /// There are too few points.
-    #[error("only {0} points have a value, but 50 are required; use a larger image or more of the object")]
-    TooFewPoints(usize),
-    /// The light prior does not cover the grid.
-    #[error("the light prior supports grids of up to {covered} texels per side, not {side}")]
-    Grid {
-        /// Requested side.
-        side: usize,
-        /// Largest supported side.
-        covered: usize,
-    },
-    /// The basis has no functions.
-    #[error("the reflectance basis is empty")]
-    EmptyBasis,
+    /// The rows cannot be computed, or too few points have a value.
+    #[error(transparent)]
+    Transfer(#[from] TransferError),
     /// Fewer points have a value than the plan has directions; use all rows instead.
     #[error("only {kept} points have a value, fewer than the {rank} rows of the plan; use all observations instead")]
     TooFewForPlan {
@@ -74,25 +60,6 @@ pub enum PlanError {
         kept: usize,
         /// Number of directions of the plan.
         rank: usize,
-    },
-    /// Visibility and light have different grids.
-    #[error(
-        "the visibility has a grid of {visibility} texels per side (or another map), but the light has {side}; \
-         compute the visibility again"
-    )]
-    Visibility {
-        /// Side of the grid of the visibility.
-        visibility: usize,
-        /// Side of the grid of the light.
-        side: usize,
-    },
-    /// The image and the plan differ in the number of points.
-    #[error("the plan is for {plan} points, but the image has {image}")]
-    Points {
-        /// Number of points of the plan.
-        plan: usize,
-        /// Number of observations of the image.
-        image: usize,
     },
 }
 
@@ -115,12 +82,9 @@ pub struct Plan {
     pub total_energy: f64,
 }
 
-/// All rows of the operator in the Haar domain, block by block.
+/// All rows of the operator, block by block.
 struct Rows<'a> {
-    points: Points<'a>,
-    quadrature: Quadrature,
-    tables: InterleavedTables,
-    haar: Haar,
+    source: TransferRows<'a>,
     held: Vec<f32>,
 }
 
@@ -128,41 +92,16 @@ struct Rows<'a> {
 const BLOCK: usize = 256;
 
 impl Rows<'_> {
-    /// Computes the rows of the points `first`, `first + step` and so on until `block` is full.
-    fn compute(&self, first: usize, step: usize, block: &mut [f32]) {
-        let (m, k, stride) = (self.haar.coefficients(), self.tables.count(), self.tables.stride());
-        let scale = (1.0 / LightGrid::texel_measure(m.isqrt()).sqrt()) as f32;
-        block.par_chunks_mut(k * m).enumerate().for_each_init(
-            || (vec![0.0; m * stride], Vec::new()),
-            |(texels, scratch), (i, row)| {
-                let point = first + i * step;
-                texels.fill(0.0);
-                self.quadrature.integrate(&self.points.points[point], &self.tables, texels);
-                if let Some(visibility) = self.points.visibility {
-                    visibility.apply(point, texels, stride);
-                }
-                for (k, out) in row.chunks_exact_mut(m).enumerate() {
-                    for (out, texel) in out.iter_mut().zip(texels.chunks_exact(stride)) {
-                        *out = texel[k] * scale;
-                    }
-                    self.haar.forward(out, scratch);
-                }
-            },
-        );
-    }
-}
-
-impl Rows<'_> {
     /// Returns the root mean square of a pixel under each basis function alone.
     ///
     /// `light` contains the root mean square of the light coefficients. At most 400 points are
     /// used.
     fn energies(&self, light: &[f64]) -> Vec<f64> {
-        let step = self.points.len().div_ceil(400);
-        let (some, columns) = (self.points.len().div_ceil(step), self.columns());
+        let step = self.rows().div_ceil(400);
+        let (some, columns) = (self.rows().div_ceil(step), self.columns());
         let mut rows = vec![0.0; some * columns];
-        self.compute(0, step, &mut rows);
-        let mut sums = vec![0.0; self.tables.count()];
+        self.source.compute(0, step, &mut rows);
+        let mut sums = vec![0.0; columns / light.len()];
         for row in rows.chunks_exact(columns) {
             for (sum, a) in sums.iter_mut().zip(row.chunks_exact(light.len())) {
                 *sum += a.iter().zip(light).map(|(a, l)| (f64::from(*a) * l).powi(2)).sum::<f64>();
@@ -174,11 +113,11 @@ impl Rows<'_> {
 
 impl RowBlocks for Rows<'_> {
     fn rows(&self) -> usize {
-        self.points.len()
+        self.source.points()
     }
 
     fn columns(&self) -> usize {
-        self.tables.count() * self.haar.coefficients()
+        self.source.columns()
     }
 
     fn for_each(&self, visit: &mut dyn FnMut(usize, &[f32])) {
@@ -187,7 +126,7 @@ impl RowBlocks for Rows<'_> {
             let mut block = vec![0.0; BLOCK.min(self.rows()) * columns];
             for first in (0..self.rows()).step_by(BLOCK) {
                 let block = &mut block[..BLOCK.min(self.rows() - first) * columns];
-                self.compute(first, 1, block);
+                self.source.compute(first, 1, block);
                 visit(first, block);
             }
         } else {
@@ -195,53 +134,6 @@ impl RowBlocks for Rows<'_> {
                 visit(4 * BLOCK * i, block);
             }
         }
-    }
-}
-
-/// Computes the rows of `A` for points of a surface, `[point][k][m]`, without projection.
-pub(crate) fn full_rows(
-    points: Points<'_>,
-    tables: &[BivariateTable],
-    prior: &LightPrior,
-    settings: &PlanSettings,
-) -> Vec<f32> {
-    let rows = rows_of(points, tables, prior, settings);
-    let mut all = vec![0.0; rows.rows() * rows.columns()];
-    rows.compute(0, 1, &mut all);
-    all
-}
-
-/// Computes the rows of `A` for the points that have a value, `[point][k][m]`.
-///
-/// Returns these rows and values.
-///
-/// # Errors
-/// See [`Plan::build`].
-pub(crate) fn observed_rows(
-    all: Points<'_>,
-    image: &[Option<f64>],
-    tables: &[BivariateTable],
-    prior: &LightPrior,
-    settings: &PlanSettings,
-) -> Result<(Vec<f32>, Vec<f64>), PlanError> {
-    if image.len() != all.len() {
-        return Err(PlanError::Points { plan: all.len(), image: image.len() });
-    }
-    let kept: Vec<usize> = (0..image.len()).filter(|&i| image[i].is_some()).collect();
-    let points: Vec<SurfacePoint> = kept.iter().map(|&i| all.points[i]).collect();
-    let visibility = all.visibility.map(|v| v.select(&kept));
-    let seen = Points::new(&points, visibility.as_ref());
-    Plan::check(seen, tables.len(), prior, settings)?;
-    Ok((full_rows(seen, tables, prior, settings), image.iter().flatten().copied().collect()))
-}
-
-fn rows_of<'a>(points: Points<'a>, tables: &[BivariateTable], prior: &LightPrior, settings: &PlanSettings) -> Rows<'a> {
-    Rows {
-        points,
-        quadrature: Quadrature::new(prior.map, settings.side, settings.quadrature),
-        tables: InterleavedTables::new(tables),
-        haar: Haar::new(settings.side).expect("the side is a power of two"),
-        held: Vec::new(),
     }
 }
 
@@ -254,7 +146,7 @@ impl Plan {
     /// `progress` receives a fraction in 0..=1.
     ///
     /// # Errors
-    /// If there are fewer than 50 points, the basis is empty, or the prior does not cover the grid.
+    /// Those of [`TransferRows::new`].
     pub fn build<'a>(
         points: impl Into<Points<'a>>,
         tables: &[BivariateTable],
@@ -263,19 +155,19 @@ impl Plan {
         progress: &(dyn Fn(f64) + Sync),
     ) -> Result<Self, PlanError> {
         let points = points.into();
-        Self::check(points, tables.len(), prior, settings)?;
-        let mut rows = rows_of(points, tables, prior, settings);
+        let source = TransferRows::new(points, tables, prior, &settings.transfer)?;
+        let mut rows = Rows { source, held: Vec::new() };
         let bytes = rows.rows() * rows.columns() * size_of::<f32>();
         if bytes < settings.hold {
             let columns = rows.columns();
             let mut held = vec![0.0; rows.rows() * columns];
             for (i, block) in held.chunks_mut(BLOCK * columns).enumerate() {
-                rows.compute(i * BLOCK, 1, block);
+                rows.source.compute(i * BLOCK, 1, block);
                 progress(0.5 * ((i + 1) * BLOCK).min(points.len()) as f64 / points.len() as f64);
             }
             rows.held = held;
         }
-        let moments = prior.mean_and_variance(settings.side);
+        let moments = prior.mean_and_variance(settings.transfer.side);
         let light: Vec<f64> = moments.iter().map(|(mean, variance)| (mean * mean + variance).sqrt()).collect();
         let levels = rows.energies(&light);
         let weights: Vec<f32> =
@@ -289,25 +181,6 @@ impl Plan {
         Ok(Self { settings: *settings, points: points.len(), k: tables.len(), q, r, energies, total_energy: total })
     }
 
-    fn check(points: Points<'_>, tables: usize, prior: &LightPrior, settings: &PlanSettings) -> Result<(), PlanError> {
-        if points.len() < 50 {
-            return Err(PlanError::TooFewPoints(points.len()));
-        }
-        if let Some(visibility) = points.visibility
-            && (visibility.side(), visibility.map()) != (settings.side, prior.map)
-        {
-            return Err(PlanError::Visibility { visibility: visibility.side(), side: settings.side });
-        }
-        if tables == 0 {
-            return Err(PlanError::EmptyBasis);
-        }
-        let covered = prior.finest_side();
-        if Haar::new(settings.side).is_none() || settings.side < 4 || settings.side > covered {
-            return Err(PlanError::Grid { side: settings.side, covered });
-        }
-        Ok(())
-    }
-
     /// Returns the number of directions.
     pub fn rank(&self) -> usize {
         self.energies.len()
@@ -315,7 +188,7 @@ impl Plan {
 
     /// Returns the number of light coefficients, M.
     pub fn m(&self) -> usize {
-        self.settings.side * self.settings.side
+        self.settings.transfer.side.pow(2)
     }
 
     /// Returns the fraction of the prior-weighted energy outside the directions of the plan.
@@ -337,11 +210,11 @@ impl Plan {
     /// than the rank.
     pub fn project(&self, image: &[Option<f64>], slack: f64) -> Result<Projected, PlanError> {
         if image.len() != self.points {
-            return Err(PlanError::Points { plan: self.points, image: image.len() });
+            return Err(TransferError::Points { points: self.points, image: image.len() }.into());
         }
         let kept: Vec<usize> = (0..image.len()).filter(|&i| image[i].is_some()).collect();
-        if kept.len() < 50 {
-            return Err(PlanError::TooFewPoints(kept.len()));
+        if kept.len() < MIN_POINTS {
+            return Err(TransferError::TooFewPoints(kept.len()).into());
         }
         let full = self.rank();
         if kept.len() < full {
@@ -409,14 +282,14 @@ impl Projected {
     /// This is for images with much energy outside the leading directions.
     ///
     /// # Errors
-    /// See [`Plan::build`].
+    /// Those of [`observed_rows`].
     pub fn unprojected<'a>(
         points: impl Into<Points<'a>>,
         image: &[Option<f64>],
         tables: &[BivariateTable],
         prior: &LightPrior,
-        settings: &PlanSettings,
-    ) -> Result<Self, PlanError> {
+        settings: &TransferSettings,
+    ) -> Result<Self, TransferError> {
         let (rows, target) = observed_rows(points.into(), image, tables, prior, settings)?;
         let bilinear = Bilinear::new(target.len(), tables.len(), settings.side * settings.side, rows);
         Ok(Self { bilinear, pixels: target.len(), target, outside: 0.0 })
@@ -453,50 +326,16 @@ impl Projected {
 }
 
 #[cfg(test)]
-pub(crate) mod tests {
-    use std::collections::BTreeMap;
-    use std::sync::{LazyLock, Mutex};
+mod tests {
+    use std::sync::LazyLock;
 
-    use glam::Vec3;
-    use rand::{RngExt, SeedableRng};
+    use gonio::shape::SurfacePoint;
 
     use super::*;
-    use crate::lighting::PriorSettings;
-    use crate::sphere::OctahedralMap;
-    use crate::testing::{ball, lobe};
-
-    /// Returns random lamps over a sky.
-    pub(crate) fn toy_sky(side: usize, rng: &mut rand_pcg::Pcg64) -> LightGrid {
-        let texels = (0..side * side)
-            .map(|t| {
-                let lamp = if rng.random_range(0..40) == 0 { 15.0 } else { 0.0 };
-                Vec3::splat(lamp + rng.random_range(0.2..1.0) + if t < side * side / 2 { 1.0 } else { 0.0 })
-            })
-            .collect();
-        LightGrid::from_texels(OctahedralMap::EqualArea, side, texels)
-    }
-
-    /// Returns the prior learnt from thirty toy skies, computed once for each side.
-    pub(crate) fn toy_prior(side: usize) -> LightPrior {
-        static LEARNT: Mutex<BTreeMap<usize, LightPrior>> = Mutex::new(BTreeMap::new());
-        let learn = || {
-            let mut rng = rand_pcg::Pcg64::seed_from_u64(4);
-            let lights: Vec<LightGrid> = (0..30).map(|_| toy_sky(side, &mut rng)).collect();
-            LightPrior::learn(&lights, 30, &PriorSettings::default()).unwrap()
-        };
-        LEARNT.lock().unwrap().entry(side).or_insert_with(learn).clone()
-    }
-
-    pub(crate) fn toy_tables() -> Vec<BivariateTable> {
-        vec![lobe(0.3, 0.0, 1.0), lobe(0.0, 1.0, 0.1), lobe(0.0, 1.0, 0.4)]
-    }
-
-    pub(crate) fn sphere_points(count: usize) -> Vec<SurfacePoint> {
-        ball(count).into_iter().filter(|p| p.normal.z > 80.0_f64.to_radians().cos()).collect()
-    }
+    use crate::testing::{sphere_points, toy_prior, toy_tables};
 
     fn toy() -> (Vec<SurfacePoint>, Vec<BivariateTable>, LightPrior, PlanSettings) {
-        let settings = PlanSettings { side: 16, rank: 300, oversampling: 20, ..PlanSettings::default() };
+        let settings = PlanSettings { rank: 300, oversampling: 20, ..PlanSettings::of_side(16) };
         (sphere_points(600), toy_tables(), toy_prior(16), settings)
     }
 
@@ -521,7 +360,9 @@ pub(crate) mod tests {
     fn projection_matches_the_full_rows() {
         let (points, tables, prior, settings) = toy();
         let plan = &*PLAN;
-        let full = Bilinear::new(points.len(), 3, 256, full_rows((&points).into(), &tables, &prior, &settings));
+        let nothing = vec![Some(0.0); points.len()];
+        let (rows, _) = observed_rows((&points).into(), &nothing, &tables, &prior, &settings.transfer).unwrap();
+        let full = Bilinear::new(points.len(), 3, 256, rows);
         let mut l: Vec<f64> = prior.mean_and_variance(16).iter().map(|m| m.0).collect();
         l[5] = 0.1;
         l[40] = -0.05;
@@ -542,7 +383,7 @@ pub(crate) mod tests {
             assert!((got - want).abs() < 1e-4 * scale, "{got} {want}");
         }
         // The same without projection.
-        let direct = Projected::unprojected(&points, &image, &tables, &prior, &settings).unwrap();
+        let direct = Projected::unprojected(&points, &image, &tables, &prior, &settings.transfer).unwrap();
         assert_eq!(direct.pixels, points.len());
     }
 
@@ -557,16 +398,14 @@ pub(crate) mod tests {
     #[test]
     fn rejects_unusable_inputs() {
         let (points, tables, prior, settings) = toy();
-        let build = |points: &[SurfacePoint], tables: &[BivariateTable], side| {
-            let settings = PlanSettings { side, ..settings };
-            Plan::build(points, tables, &prior, &settings, &|_| ()).unwrap_err()
-        };
-        assert_eq!(build(&points[..10], &tables, 16), PlanError::TooFewPoints(10));
-        assert_eq!(build(&points, &[], 16), PlanError::EmptyBasis);
-        assert_eq!(build(&points, &tables, 32), PlanError::Grid { side: 32, covered: 16 });
+        let few = Plan::build(&points[..10], &tables, &prior, &settings, &|_| ()).unwrap_err();
+        assert_eq!(few, TransferError::TooFewPoints(10).into());
         let plan = &*PLAN;
-        assert!(matches!(plan.project(&[Some(1.0)], 0.0), Err(PlanError::Points { image: 1, .. })));
-        assert_eq!(plan.project(&vec![None; points.len()], 0.0).unwrap_err(), PlanError::TooFewPoints(0));
+        assert!(matches!(
+            plan.project(&[Some(1.0)], 0.0),
+            Err(PlanError::Transfer(TransferError::Points { image: 1, .. }))
+        ));
+        assert_eq!(plan.project(&vec![None; points.len()], 0.0).unwrap_err(), TransferError::TooFewPoints(0).into());
         let few: Vec<Option<f64>> = (0..points.len()).map(|i| (i < 100).then_some(1.0)).collect();
         assert_eq!(plan.project(&few, 0.0).unwrap_err(), PlanError::TooFewForPlan { kept: 100, rank: 300 });
     }

@@ -1,20 +1,22 @@
 //! Algorithm 1 on lights whose finest scale the image does not determine, up to the real size of 32
 //! x 32 texels.
 
+use gonio::inference::Hyperparameters;
+use gonio::lighting::LightPrior;
+use gonio::transfer::TransferSettings;
 use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 
 use super::component_switch::coordinate_objectives;
 use super::variational::end;
 use super::*;
-use crate::lighting::LightPrior;
-use crate::transfer::{PlanSettings, Projected, sphere_points, toy_prior, toy_sky, toy_tables};
+use crate::testing::{sphere_points, toy_prior, toy_sky, toy_tables};
 
 /// Image of a sphere with a diffuse part and two lobes under a sky outside the training data of the
 /// prior, with noise of 1 % of the root mean square.
 fn sphere(side: usize, prior: &LightPrior) -> Projected {
     let (points, tables) = (sphere_points(7 * side * side / 10), toy_tables());
-    let settings = PlanSettings { side, ..PlanSettings::default() };
+    let settings = TransferSettings::of_side(side);
     let project =
         |image: &[Option<f64>]| Projected::unprojected(&points, image, &tables, prior, &settings).expect("a sphere");
     let mut rng = rand_pcg::Pcg64::seed_from_u64(77);

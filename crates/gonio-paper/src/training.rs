@@ -1,12 +1,14 @@
 //! Training of a reflectance basis on measured materials (paper 3.2).
 
-use super::basis::{BasisError, ReflectanceBasis, TrainingMaterial};
-use super::nmf::{Nmf, NmfError, NmfSettings, StartReport, factorize_all};
-use super::table::{BivariateTable, CELLS, place_of, trusted_cells};
 use faer::Mat;
+use gonio::reflectance::{
+    BasisError, BivariateTable, CELLS, ReflectanceBasis, TrainingMaterial, place_of, trusted_cells,
+};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
+
+use crate::nmf::{Nmf, NmfError, NmfSettings, StartReport, factorize_all};
 
 /// Settings of the training.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -195,11 +197,10 @@ impl Scaled<'_> {
             .map(|k| function(nmf.functions.col_as_slice(k), &self.cells).ok_or(TrainError::Unused(k)))
             .collect::<Result<Vec<_>, _>>()?;
         let mut basis = ReflectanceBasis { functions, rates: Vec::new(), materials: Vec::new() };
-        let projector = basis.projector();
         let mut solved = Vec::with_capacity(self.materials.len());
         let mut fits = Vec::with_capacity(self.materials.len());
         for ((name, table), &scale) in self.materials.iter().zip(&self.scales) {
-            let coefficients = projector.project(table)?;
+            let coefficients = basis.project(table)?;
             let rms = rms(&basis.combine(&coefficients)?, table, &self.cells);
             fits.push(MaterialFit { name: name.clone(), rms });
             let coefficients = coefficients.into_iter().map(|f| f / scale).collect();
@@ -258,7 +259,7 @@ mod tests {
                 let mut table =
                     BivariateTable::from_fn(|h, _| 0.1 + 0.02 * m + 30.0 * (m + 0.5) * (-h * h / 0.01).exp());
                 for c in 0..CELLS {
-                    if !super::super::is_trusted(c) {
+                    if !gonio::reflectance::is_trusted(c) {
                         table.as_mut_slice()[c] = f32::NAN;
                     }
                 }

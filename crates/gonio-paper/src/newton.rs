@@ -5,14 +5,14 @@
 //! step follows it.
 
 use faer::Mat;
+use gonio::lighting::Moments;
+use gonio_linalg::eigenvectors;
 
 use super::Problem;
 use super::coordinate::{Point, ReflectanceSystem};
 use super::ensemble::AllMoments;
 use super::light_system::LightSystem;
 use super::parallel::search;
-use crate::lighting::Moments;
-use crate::linalg::eigenvectors;
 
 /// Smallest curvature that a step uses, relative to that of a single coordinate.
 const MIN_CURVATURE: f64 = 1e-8;

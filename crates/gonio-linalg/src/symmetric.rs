@@ -1,4 +1,4 @@
-//! Linear algebra whose results do not depend on the number of threads.
+//! Eigenvectors, linear systems and principal axes of symmetric matrices, on one thread.
 
 use faer::diag::DiagMut;
 use faer::dyn_stack::{MemBuffer, MemStack};
@@ -6,14 +6,13 @@ use faer::linalg::cholesky::llt::factor::{cholesky_in_place, cholesky_in_place_s
 use faer::linalg::evd::{ComputeEigenvectors, self_adjoint_evd, self_adjoint_evd_scratch};
 use faer::linalg::matmul::matmul;
 use faer::linalg::triangular_solve::{solve_lower_triangular_in_place, solve_upper_triangular_in_place};
-use faer::{Accum, Mat, MatMut, MatRef, Par};
-use rayon::prelude::*;
+use faer::{Accum, Mat, MatRef, Par};
 
 /// Returns the eigenvalues, ascending, and the eigenvectors of a symmetric matrix.
 ///
 /// Runs on one thread, since the parallel tridiagonalisation splits its sums by the number of
 /// threads.
-pub(crate) fn eigenvectors(a: MatRef<'_, f64>) -> (Vec<f64>, Mat<f64>) {
+pub fn eigenvectors(a: MatRef<'_, f64>) -> (Vec<f64>, Mat<f64>) {
     let n = a.nrows();
     let mut values = vec![0.0; n];
     let mut vectors = Mat::zeros(n, n);
@@ -32,7 +31,7 @@ pub(crate) fn eigenvectors(a: MatRef<'_, f64>) -> (Vec<f64>, Mat<f64>) {
 }
 
 /// Solves a symmetric system on one thread; `None` if it is not positive definite.
-pub(crate) fn solve_positive(mut matrix: Mat<f64>, right: &[f64]) -> Option<Vec<f64>> {
+pub fn solve_positive(mut matrix: Mat<f64>, right: &[f64]) -> Option<Vec<f64>> {
     let size = matrix.nrows();
     let mut memory = MemBuffer::new(cholesky_in_place_scratch::<f64>(size, Par::Seq, Default::default()));
     let stack = MemStack::new(&mut memory);
@@ -44,42 +43,15 @@ pub(crate) fn solve_positive(mut matrix: Mat<f64>, right: &[f64]) -> Option<Vec<
     solution.iter().all(|v| v.is_finite()).then_some(solution)
 }
 
-/// Largest number of columns that are processed as one task.
-const COLUMNS: usize = 8;
-
-/// Calls `work` with the index and values of every column of a column-major matrix.
-///
-/// Runs in the caller's thread pool. The parallel iterators of faer do not compile for browsers.
-pub(crate) fn each_column(columns: MatMut<'_, f64>, work: &(impl Fn(usize, &mut [f64]) + Sync)) {
-    each_column_from(0, columns, work);
-}
-
-fn each_column_from(first: usize, columns: MatMut<'_, f64>, work: &(impl Fn(usize, &mut [f64]) + Sync)) {
-    if columns.ncols() > COLUMNS {
-        let middle = columns.ncols() / 2;
-        let (left, right) = columns.split_at_col_mut(middle);
-        rayon::join(|| each_column_from(first, left, work), || each_column_from(first + middle, right, work));
-    } else {
-        for (i, column) in columns.col_iter_mut().enumerate() {
-            let column = column.try_as_col_major_mut().expect("columns of a column-major matrix are contiguous");
-            work(first + i, column.as_slice_mut());
-        }
-    }
-}
-
-/// Returns the squared Euclidean norm of every column.
-pub(crate) fn squared_norms(matrix: MatRef<'_, f64>) -> Vec<f64> {
-    (0..matrix.ncols()).into_par_iter().map(|c| matrix.col(c).squared_norm_l2()).collect()
-}
-
-pub(crate) fn project(x: &[f64], mean: &[f64], axis: &[f64]) -> f64 {
+/// Returns the inner product of `x - mean` and an axis.
+pub fn project(x: &[f64], mean: &[f64], axis: &[f64]) -> f64 {
     x.iter().zip(mean).zip(axis).map(|((x, m), a)| (x - m) * a).sum()
 }
 
 /// Returns the mean of rows of equal length, their principal axes, and the variance along each.
 ///
 /// The axes are orthonormal and computed from the Gram matrix of the rows.
-pub(crate) fn principal_axes(rows: &[Vec<f64>], rank: usize) -> (Vec<f64>, Vec<Vec<f64>>, Vec<f64>) {
+pub fn principal_axes(rows: &[Vec<f64>], rank: usize) -> (Vec<f64>, Vec<Vec<f64>>, Vec<f64>) {
     let (n, length) = (rows.len(), rows[0].len());
     let mean: Vec<f64> = (0..length).map(|c| rows.iter().map(|r| r[c]).sum::<f64>() / n as f64).collect();
     let centred = Mat::<f64>::from_fn(n, length, |i, c| rows[i][c] - mean[c]);

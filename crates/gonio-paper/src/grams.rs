@@ -3,13 +3,12 @@
 
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, MatRef, Par};
+use gonio::lighting::Moments;
+use gonio_linalg::{axpy, column_bands, dispatch, dot};
 use rayon::prelude::*;
 
 use super::Problem;
 use super::expectations::Expectations;
-use crate::lighting::Moments;
-use crate::transfer::column_bands;
-use crate::transfer::kernels::{axpy, dispatch, dot};
 
 /// Number of columns of a product that one task computes; constant, so that results do not depend
 /// on the number of threads.

@@ -4,11 +4,10 @@ use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt::factor::{cholesky_in_place, cholesky_in_place_scratch};
 use faer::linalg::matmul::matmul;
 use faer::linalg::triangular_solve::{solve_lower_triangular_in_place, solve_upper_triangular_in_place};
-use faer::{Accum, Mat, MatMut, Par};
+use faer::{Accum, Mat, MatMut, MatRef, Par};
 use rayon::prelude::*;
 
-use crate::linalg::each_column;
-use crate::transfer::column_bands;
+use crate::columns::{column_bands, each_column};
 
 /// Number of columns that one sequential product or solve computes; constant, so that results do
 /// not depend on the number of threads.
@@ -17,14 +16,19 @@ const BAND: usize = 128;
 /// Lower factor `L` of a symmetric positive definite `L L'` (n x n); entries above its diagonal are
 /// undefined.
 #[derive(Clone, Debug)]
-pub(crate) struct Cholesky {
-    pub(in crate::inference) lower: Mat<f64>,
+pub struct Cholesky {
+    lower: Mat<f64>,
 }
 
 impl Cholesky {
+    /// Returns the factor; entries above its diagonal are undefined.
+    pub fn lower(&self) -> MatRef<'_, f64> {
+        self.lower.as_ref()
+    }
+
     /// Factorises the matrix whose lower triangle is given, band by band. Returns `None` if it is
     /// not positive definite or not finite.
-    pub(crate) fn new(mut lower: Mat<f64>) -> Option<Self> {
+    pub fn new(mut lower: Mat<f64>) -> Option<Self> {
         let size = lower.nrows();
         let mut memory = MemBuffer::new(cholesky_in_place_scratch::<f64>(BAND, Par::Seq, Default::default()));
         for first in (0..size).step_by(BAND) {
@@ -51,7 +55,7 @@ impl Cholesky {
     }
 
     /// Factorises a symmetric `h` with `extra` (n) added to its diagonal.
-    pub(crate) fn of_sum(h: &Mat<f64>, extra: &[f64]) -> Option<Self> {
+    pub fn of_sum(h: &Mat<f64>, extra: &[f64]) -> Option<Self> {
         let mut lower = Mat::zeros(h.nrows(), h.ncols());
         each_column(lower.as_mut(), &|j, column| {
             column[j..].copy_from_slice(&h.col_as_slice(j)[j..]);
@@ -61,7 +65,7 @@ impl Cholesky {
     }
 
     /// `L^-T L^-1 x` (n).
-    pub(crate) fn solve(&self, x: &[f64]) -> Vec<f64> {
+    pub fn solve(&self, x: &[f64]) -> Vec<f64> {
         let mut x = Mat::from_fn(x.len(), 1, |i, _| x[i]);
         solve_lower_triangular_in_place(self.lower.as_ref(), x.as_mut(), Par::Seq);
         solve_upper_triangular_in_place(self.lower.transpose(), x.as_mut(), Par::Seq);
@@ -69,7 +73,7 @@ impl Cholesky {
     }
 
     /// `L^-T L^-1 X`.
-    pub(crate) fn solve_all(&self, x: &Mat<f64>) -> Mat<f64> {
+    pub fn solve_all(&self, x: &Mat<f64>) -> Mat<f64> {
         let mut x = x.clone();
         solve_lower_triangular_in_place(self.lower.as_ref(), x.as_mut(), Par::Seq);
         solve_upper_triangular_in_place(self.lower.transpose(), x.as_mut(), Par::Seq);
@@ -77,14 +81,14 @@ impl Cholesky {
     }
 
     /// Replaces `X` by `L^-1 X`.
-    pub(crate) fn whiten(&self, x: &mut Mat<f64>) {
+    pub fn whiten(&self, x: &mut Mat<f64>) {
         bands_of(x.as_mut()).into_par_iter().for_each(|(_, band)| {
             solve_lower_triangular_in_place(self.lower.as_ref(), band, Par::Seq);
         });
     }
 
     /// `L^-T x` (n), which has covariance `(L L')^-1` if `x` is white.
-    pub(crate) fn colour(&self, x: &[f64]) -> Vec<f64> {
+    pub fn colour(&self, x: &[f64]) -> Vec<f64> {
         let mut x = Mat::from_fn(x.len(), 1, |i, _| x[i]);
         solve_upper_triangular_in_place(self.lower.transpose(), x.as_mut(), Par::Seq);
         x.col(0).iter().copied().collect()
@@ -92,7 +96,7 @@ impl Cholesky {
 
     /// `L^-1` (n x n). The squared norms of its columns are the diagonal of the inverse of the
     /// matrix.
-    pub(crate) fn inverse_of_lower(&self) -> Mat<f64> {
+    pub fn inverse_of_lower(&self) -> Mat<f64> {
         let n = self.lower.nrows();
         let mut inverse = Mat::identity(n, n);
         bands_of(inverse.as_mut()).into_par_iter().for_each(|(first, band)| {
@@ -106,7 +110,7 @@ impl Cholesky {
 }
 
 /// Columns of a matrix in bands, with the index of the first column of each.
-pub(super) fn bands_of<T>(matrix: MatMut<'_, T>) -> Vec<(usize, MatMut<'_, T>)> {
+pub fn bands_of<T>(matrix: MatMut<'_, T>) -> Vec<(usize, MatMut<'_, T>)> {
     let count = matrix.ncols().div_ceil(BAND).max(1);
     column_bands(matrix, count)
 }
@@ -114,12 +118,12 @@ pub(super) fn bands_of<T>(matrix: MatMut<'_, T>) -> Vec<(usize, MatMut<'_, T>)> 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::testing::random;
 
     #[test]
     fn factor_by_bands_reproduces_the_matrix() {
         for n in [1, 5, BAND, BAND + 1, 3 * BAND + 7] {
-            let a = random(n * n, 3);
+            // Any entries without structure.
+            let a: Vec<f64> = (0..n * n).map(|i| (1.7 * (i * i % 1013) as f64).sin()).collect();
             let x = Mat::from_fn(n, n, |i, j| a[i * n + j]);
             let h = &x * x.transpose() + Mat::<f64>::identity(n, n);
             let factor = Cholesky::new(h.clone()).unwrap();

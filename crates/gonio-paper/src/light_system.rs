@@ -2,14 +2,13 @@
 
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, MatRef, Par};
+use gonio::lighting::{CoefficientPrior, Moments};
+use gonio_linalg::{Cholesky, axpy, dispatch};
 
 use super::ensemble::AllMoments;
 use super::expectations::{columns_squared, expected_precision, prior_pull};
 use super::grams::{Grams, symmetric_times};
-use super::light::Cholesky;
 use super::{Problem, VariationalParameters};
-use crate::lighting::{CoefficientPrior, Moments};
-use crate::transfer::kernels::{axpy, dispatch};
 
 /// Distance from its threshold, in standard deviations, above which a rectified coefficient is
 /// treated as a Gaussian one.

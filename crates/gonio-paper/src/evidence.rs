@@ -3,6 +3,8 @@
 
 use std::f64::consts::TAU;
 
+use gonio::inference::Hyperparameters;
+use gonio::lighting::{CoefficientPrior, RectifiedGaussian, ScaleMixture};
 use puruspe::ln_gamma;
 use rand::{RngExt, SeedableRng};
 use rand_distr::{Distribution, Gamma, StandardNormal};
@@ -10,8 +12,7 @@ use rand_pcg::Pcg64;
 
 use super::tests::planted;
 use super::*;
-use crate::lighting::{CoefficientPrior, RectifiedGaussian, ScaleMixture};
-use crate::transfer::{Bilinear, Projected};
+use crate::{Bilinear, Projected};
 
 /// `log p(I | theta)` of eq. 9 plus the logarithms of all priors, including all constants.
 fn log_joint(problem: &Problem<'_>, f: &[f64], l: &[f64], g: f64, precision: f64) -> f64 {

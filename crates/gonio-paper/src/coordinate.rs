@@ -3,12 +3,13 @@
 //! A round makes two passes over the operator, and forms and factors the curvature in the light
 //! (M x M) for the present reflectance.
 
+use gonio::lighting::Moments;
+
 use super::ensemble::AllMoments;
 use super::expectations::Sums;
 use super::grams::Grams;
 use super::light_system::{LightSystem, minimise_coefficient};
 use super::{Problem, VariationalParameters, newton};
-use crate::lighting::Moments;
 
 /// Quadratic form of the residual in the reflectance coefficients, with the light marginalised
 /// under q.

@@ -1,8 +1,7 @@
 //! Bilinear operator `(l, f) -> l' A_i f` on a stack of rows, and its contractions for inference.
 
+use gonio_linalg::{add_product, axpy, dispatch, dot};
 use rayon::prelude::*;
-
-use super::kernels::{add_product, axpy, dispatch, dot};
 
 /// Number of rows in a group.
 ///

@@ -1,13 +1,13 @@
 //! Tests of the inference on small problems.
 
+use gonio::inference::{Hyperparameters, ImageError};
+use gonio::lighting::{LightPrior, ScaleMixture};
 use rand::{RngExt, SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
 
 use super::ensemble::AllMoments;
 use super::*;
-use crate::lighting::{LightPrior, ScaleMixture};
-use crate::testing::{inner, on_threads};
-use crate::transfer::{Bilinear, Projected, toy_prior};
+use crate::testing::{inner, on_threads, toy_prior};
 
 const SIDE: usize = 4;
 const M: usize = SIDE * SIDE;
@@ -176,7 +176,7 @@ fn the_expected_residual_matches_sampling() {
     let AllMoments { f, l, g, .. } = ensemble.moments(&problem);
     let mut rng = rand_pcg::Pcg64::seed_from_u64(8);
     // Only means and variances matter, so Gaussians with the same moments suffice.
-    let mut draw = |m: &crate::lighting::Moments| {
+    let mut draw = |m: &gonio::lighting::Moments| {
         let z: f64 = StandardNormal.sample(&mut rng);
         m.mean + z * m.variance.sqrt()
     };
@@ -291,12 +291,12 @@ fn rejects_invalid_images_and_rates() {
     p.image.target[3] = f64::NAN;
     assert_eq!(
         Problem::blind(&p.image, &p.prior, &p.rates, Hyperparameters::default()).unwrap_err(),
-        ProblemError::NotFinite
+        ImageError::NotFinite.into()
     );
     p.image.target.fill(0.0);
     assert_eq!(
         Problem::blind(&p.image, &p.prior, &p.rates, Hyperparameters::default()).unwrap_err(),
-        ProblemError::Black
+        ImageError::Black.into()
     );
 }
 
@@ -304,7 +304,7 @@ fn rejects_invalid_images_and_rates() {
 fn the_bound_of_the_mixture_prior_is_tight_at_a_point() {
     // With zero variance <log p> is log p itself.
     let mixture = ScaleMixture { weights: vec![0.3, 0.7], variances: vec![0.1, 3.0] };
-    let prior = crate::lighting::CoefficientPrior::Mixture(mixture.clone());
-    let at = crate::lighting::Moments { mean: 0.4, variance: 0.0, mean_log: 0.0 };
+    let prior = gonio::lighting::CoefficientPrior::Mixture(mixture.clone());
+    let at = gonio::lighting::Moments { mean: 0.4, variance: 0.0, mean_log: 0.0 };
     assert!((expectations::expected_log_prior(&prior, &at) - mixture.log_density(0.4)).abs() < 1e-12);
 }

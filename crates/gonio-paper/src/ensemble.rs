@@ -1,12 +1,12 @@
 //! The approximating distributions q of eqs. 12 to 14, and the intermediate variables Phi that
 //! determine them.
 
+use gonio::lighting::{CoefficientPrior, Moments, RectifiedGaussian};
 use rand::RngExt;
 use rand_distr::{Distribution, Exp1, StandardNormal};
 use rand_pcg::Pcg64;
 
 use super::Problem;
-use crate::lighting::{CoefficientPrior, Moments, RectifiedGaussian};
 
 /// `Phi`: natural parameters of all q. Light entries cover `m >= 1`; DC is fixed.
 ///

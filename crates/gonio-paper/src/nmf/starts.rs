@@ -1,9 +1,10 @@
 //! Starts of the factorisation.
 
-use super::hals::{Pair, dot, product};
 use faer::{Mat, MatRef, Side};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
+
+use super::hals::{Pair, dot, product};
 
 /// Returns start number `index`.
 ///

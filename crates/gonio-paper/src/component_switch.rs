@@ -5,12 +5,13 @@
 //! that component responsible. For each coefficient, coordinate descent from every component finds
 //! the best of these minima.
 
+use gonio::lighting::{CoefficientPrior, Moments, ScaleMixture};
+use gonio_linalg::{axpy, dispatch, dot};
+
 use super::ensemble::AllMoments;
 use super::expectations::{Expectations, expected_precision};
 use super::grams::{Columns, pull_weights};
 use super::{Problem, VariationalParameters};
-use crate::lighting::{CoefficientPrior, Moments, ScaleMixture};
-use crate::transfer::kernels::{axpy, dispatch, dot};
 
 /// Largest number of fixed-point iterations of one coefficient in one component.
 const ALONE: usize = 200;

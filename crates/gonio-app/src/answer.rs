@@ -23,6 +23,7 @@ use gonio_report::report::{Fits, Report};
 
 use crate::document;
 use crate::regions::Regions;
+use crate::scene::{LoadedScene, Observing};
 use crate::{
     AppError, LightMapSource, Method, ObservedScene, ProgressLog, Scene, Settings, Source, Warning, combine, paper,
     reference,
@@ -109,21 +110,26 @@ impl<'a> InferenceContext<'a> {
         Ok(Self { model, known_light, rule, observing })
     }
 
-    /// Reads the light from the mirror ball in the photograph, if the settings specify one. Returns
-    /// the scene, with its photograph in memory.
-    pub(crate) fn with_mirror_ball(
+    /// Reads the files of a scene, and the light from the mirror ball in the photograph if the
+    /// settings specify one.
+    pub(crate) fn load(
         &mut self,
         scene: Scene,
         regions: Option<&Regions>,
         settings: &Settings<'_>,
         warnings: &mut Vec<Warning>,
         progress_log: &ProgressLog<'_>,
-    ) -> Result<Scene, AppError> {
-        let Some(ball) = settings.method.mirror_ball() else { return Ok(scene) };
-        progress_log.report("reading", 0.0);
-        let (scene, light) = ball.light(scene, regions, warnings)?;
-        self.rule = settings.colours.rule(Some(&light));
-        self.known_light = Some(light);
+    ) -> Result<LoadedScene, AppError> {
+        if scene.reference.is_some() {
+            let light_is_known = self.known_light.is_some() || settings.method.mirror_ball().is_some();
+            reference::check(&scene.name, settings.colours, light_is_known)?;
+        }
+        let mut scene = scene.load(warnings, progress_log)?;
+        if let Some(ball) = settings.method.mirror_ball() {
+            let light = ball.light(&mut scene, regions, warnings)?;
+            self.rule = settings.colours.rule(Some(&light));
+            self.known_light = Some(light);
+        }
         Ok(scene)
     }
 
@@ -133,19 +139,9 @@ impl<'a> InferenceContext<'a> {
         seen.reference.as_ref().map_or(self.rule, |reference| reference.rule())
     }
 
-    /// Reads a scene and detects its object.
-    pub(crate) fn observe(
-        &self,
-        scene: Scene,
-        settings: &Settings<'_>,
-        warnings: &mut Vec<Warning>,
-        progress_log: &ProgressLog<'_>,
-    ) -> Result<ObservedScene, AppError> {
-        if scene.reference.is_some() {
-            reference::check(&scene.name, settings.colours, self.known_light.is_some())?;
-        }
-        let shadows = settings.shadows.then_some((self.model.light.map, settings.side));
-        scene.observe(&self.observing, shadows, warnings, progress_log)
+    /// Returns the settings of observations.
+    pub(crate) fn observing(&self, settings: &Settings<'_>) -> Observing {
+        (self.observing, settings.shadows.then_some((self.model.light.map, settings.side)))
     }
 }
 
@@ -161,33 +157,33 @@ pub fn infer(
     progress_log: &ProgressLog<'_>,
 ) -> Result<InferenceResult, AppError> {
     let (mut context, mut warnings) = (InferenceContext::of(model, settings)?, Vec::new());
-    let scene = context.with_mirror_ball(scene, None, settings, &mut warnings, progress_log)?;
-    of_one(&context, scene, settings, warnings, progress_log)
+    let scene = context.load(scene, None, settings, &mut warnings, progress_log)?;
+    of_one(&context, &scene, settings, warnings, progress_log)
 }
 
-/// Infers from a scene with one object; `warnings` contains those from reading the photograph.
+/// Infers from a scene with one object; `warnings` contains those from reading the files.
 pub(crate) fn of_one(
     context: &InferenceContext<'_>,
-    scene: Scene,
+    scene: &LoadedScene,
     settings: &Settings<'_>,
     mut warnings: Vec<Warning>,
     progress_log: &ProgressLog<'_>,
 ) -> Result<InferenceResult, AppError> {
-    let (image, linear) = (scene.name.clone(), scene.reading.linear);
-    let mut seen = context.observe(scene, settings, &mut warnings, progress_log)?;
+    let (image, linear) = (scene.name(), scene.linear);
+    let mut seen = scene.observe(None, context.observing(settings), &mut warnings, progress_log)?;
     if let Some(ball) = settings.method.mirror_ball() {
-        ball.check_apart(&seen.detection, &image)?;
+        ball.check_apart(&seen.detection, image)?;
     }
     let mut own = Vec::new();
-    let mut found = solve(context, &seen, (&image, linear), settings, &mut own, progress_log)?;
+    let mut found = solve(context, &seen, (image, linear), settings, &mut own, progress_log)?;
     if let ("misfit", misfit) = found.residual
         && misfit > CONTRADICTED
-        && let Some(refined) = seen.detection.refined(&seen.picture)
+        && let Some(refined) = seen.detection.refined(scene.picture())
     {
         let inflated = std::mem::replace(&mut seen.detection, refined);
         let mut others = Vec::new();
         // Without a second estimate, the first one remains.
-        match solve(context, &seen, (&image, linear), settings, &mut others, progress_log) {
+        match solve(context, &seen, (image, linear), settings, &mut others, progress_log) {
             Ok(other) if other.residual.1 < misfit => {
                 (found, own) = (other, others);
             }
@@ -196,22 +192,22 @@ pub(crate) fn of_one(
     }
     warnings.append(&mut own);
     if let ("misfit", misfit) = found.residual
-        && misfit > MAX_MISFIT
-        && !seen.force
+        && let Some(error) = contradiction(image, misfit).filter(|_| !seen.force)
     {
-        return Err(contradicted(&image, &seen, settings.method.light_suggestion(), misfit));
+        let suggested = remedies(&seen, settings.method.light_suggestion());
+        return Err(suggested.into_iter().fold(error, AppError::with).with(Suggestion::Force));
     }
-    let found = found.scaled_by_reference(&seen, &image, &mut warnings);
-    Ok(assemble(context, seen, found, &image, settings, warnings, progress_log))
+    let found = found.scaled_by_reference(&seen, image, &mut warnings);
+    Ok(assemble(context, seen, found, image, settings, warnings, progress_log))
 }
 
-/// Returns the error for an estimate that the photograph contradicts, with suggestions.
-fn contradicted(image: &str, seen: &ObservedScene, of_light: Option<Suggestion>, misfit: f64) -> AppError {
+/// Returns the error for an estimate that does not reproduce its photograph `image`; `None` if the
+/// misfit is acceptable.
+pub fn contradiction(image: &str, misfit: f64) -> Option<AppError> {
     let (percent, most) = (100.0 * misfit, 100.0 * MAX_MISFIT);
     let text =
         format!("the estimate does not reproduce the photograph: the misfit is {percent:.0} % (limit {most:.0} %)");
-    let suggested = remedies(seen, of_light);
-    suggested.into_iter().fold(AppError::of(image, text), AppError::with).with(Suggestion::Force)
+    (misfit > MAX_MISFIT).then(|| AppError::of(image, text))
 }
 
 /// Returns suggestions for a photograph that its shape and the estimate do not reproduce, the most
@@ -422,9 +418,9 @@ pub(crate) fn assemble(
         image: Some(image.to_owned()),
         model: document::model(model),
         observations: Some(answer.scene.observations()),
-        bracket: answer.scene.bracket.clone(),
+        bracket: answer.scene.photograph.bracket.clone(),
         colour: document::colour(&answer.colouring, assumption),
-        colorspace: spaces.section(answer.scene.space.as_ref()),
+        colorspace: spaces.section(answer.scene.photograph.space.as_ref()),
         warnings: answer.warnings.clone(),
         seconds: seconds.map(|(stage, seconds)| (stage.to_owned(), seconds)).collect(),
         ..answer.document
@@ -443,7 +439,7 @@ impl InferenceResult {
     /// Returns the subject of the pictures.
     pub fn subject(&self) -> Subject<'_> {
         Subject {
-            picture: &self.scene.picture,
+            picture: &self.scene.photograph.picture,
             detection: &self.scene.detection,
             shadows: self.shadows,
             chroma: self.colouring.field(),

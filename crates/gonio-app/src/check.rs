@@ -1,26 +1,25 @@
 //! Checks a photograph before inference: detects the object and faulty pixels.
 
+use std::sync::Arc;
+
 use glam::Vec3;
 use gonio::picture::{Picture, Plane};
-use gonio::scene::{Circle, DetectedShape, ObservationSettings, separate_balls};
-use gonio_io::picture::InputSpace;
+use gonio::scene::{Circle, DetectedShape, ObservationSettings};
 use gonio_report::check::{draw, draw_candidates};
 use serde_json::{Value, json};
 
-use crate::regions::{Regions, may_be_several, region_masks};
-use crate::scene::read_mask;
-use crate::{AppError, ObservedScene, Photograph, PhotographSource, ProgressLog, Scene, Warning};
+use crate::regions::{Regions, region_masks, shows_several_balls};
+use crate::scene::RegionMask;
+use crate::{AppError, ObservedScene, Photograph, ProgressLog, Scene, Warning};
 
 /// Result of checking a photograph.
 pub struct CheckResult {
     /// The photograph.
-    pub picture: Picture,
+    pub photograph: Arc<Photograph>,
     /// The objects, or the regions of one.
     pub objects: Vec<DetectedObject>,
     /// Warnings about the photograph.
     pub warnings: Vec<Warning>,
-    /// Colour space of the photograph, unless it was in memory.
-    pub space: Option<InputSpace>,
 }
 
 /// A detected object or region.
@@ -60,54 +59,44 @@ impl CheckError {
 /// If a file cannot be read, or an object is not detected or has too few usable pixels. The error
 /// names the faulty input.
 pub fn check(
-    mut scene: Scene,
+    scene: Scene,
     regions: Option<Regions>,
     progress_log: &ProgressLog<'_>,
 ) -> Result<CheckResult, CheckError> {
     let mut warnings = Vec::new();
-    progress_log.report("reading", 0.0);
-    let shots = std::mem::replace(&mut scene.photograph, PhotographSource::Files(Vec::new()));
-    let photograph: Photograph = shots.read(&scene.reading, scene.clip, &mut warnings)?;
-    let mut of_mask = Vec::new();
-    let mask = read_mask(scene.mask.clone(), photograph.picture.rgb.size(), &mut of_mask)?;
-    let several = || may_be_several(&scene) && separate_balls(&photograph.picture, mask.as_ref()).len() > 1;
-    let regions = regions.or_else(|| several().then_some(Regions::Balls));
-    // A scene without regions reads its mask again, with its warnings.
-    if regions.is_some() {
-        warnings.append(&mut of_mask);
-    }
-    let mut look = |scene: Scene| scene.observe(&ObservationSettings::default(), None, &mut warnings, progress_log);
+    let scene = scene.load(&mut warnings, progress_log)?;
+    let regions = regions.or_else(|| shows_several_balls(&scene).then_some(Regions::Balls));
+    let mut look = |region: Option<&RegionMask>| {
+        scene.observe(region, (ObservationSettings::default(), None), &mut warnings, progress_log)
+    };
     let objects = match &regions {
         None => {
-            let seen = look(Scene { photograph: PhotographSource::Read(Box::new(photograph.clone())), ..scene })
-                .map_err(|problem| CheckError::of(problem, &photograph.picture))?;
+            let seen = look(None).map_err(|problem| CheckError::of(problem, scene.picture()))?;
             vec![DetectedObject { name: None, scene: seen }]
         }
         Some(regions) => {
             let mut objects = Vec::new();
-            let parts = region_masks(&photograph.picture, mask.as_ref(), &scene, regions)
-                .map_err(|problem| CheckError::of(problem, &photograph.picture))?;
+            let parts = region_masks(&scene, regions).map_err(|problem| CheckError::of(problem, scene.picture()))?;
             for part in parts {
-                let seen = look(part.scene(&scene, &photograph))
-                    .map_err(|problem| problem.within(&format!("region {}", part.name)))?;
+                let seen = look(Some(&part)).map_err(|problem| problem.within(&format!("region {}", part.name)))?;
                 objects.push(DetectedObject { name: Some(part.name), scene: seen });
             }
             objects
         }
     };
-    Ok(CheckResult { picture: photograph.picture, objects, warnings, space: photograph.space })
+    Ok(CheckResult { photograph: scene.photograph, objects, warnings })
 }
 
 impl CheckResult {
     /// Draws outlines, clipped and faulty pixels on the photograph, as linear display values.
     pub fn draw(&self) -> Plane<Vec3> {
         let sightings: Vec<_> = self.objects.iter().map(|object| &object.scene.detection).collect();
-        draw(&self.picture, &sightings)
+        draw(&self.photograph.picture, &sightings)
     }
 
     /// Returns all numbers by name.
     pub fn notes(&self) -> Value {
-        let (width, height) = self.picture.rgb.size();
+        let (width, height) = self.photograph.picture.rgb.size();
         let object = |object: &DetectedObject| {
             let mut notes = json!(object.scene.observations());
             notes["name"] = json!(object.name);
@@ -115,7 +104,7 @@ impl CheckResult {
             notes["reference"] = json!(object.scene.reference.as_ref().map(|reference| reference.section(None)));
             notes
         };
-        let space = self.space.as_ref().map(
+        let space = self.photograph.space.as_ref().map(
             |space| json!({ "input": space.name, "source": space.source.words(), "clamped_pixels": space.clamped }),
         );
         json!({ "width": width, "height": height, "colorspace": space, "objects": self.objects.iter().map(object).collect::<Vec<_>>() })
@@ -126,7 +115,7 @@ impl DetectedObject {
     /// Returns the fraction of the image that the object covers.
     pub fn coverage(&self) -> f64 {
         let detection = &self.scene.detection;
-        let (width, height) = self.scene.picture.rgb.size();
+        let (width, height) = self.scene.photograph.picture.rgb.size();
         let inside = (0..width * height).filter(|i| detection.contains(i % width, i / width));
         inside.count() as f64 / (width * height).max(1) as f64
     }

@@ -35,7 +35,7 @@ mod shape;
 pub mod spaces;
 pub mod training;
 
-pub use answer::{InferenceResult, infer, read_light};
+pub use answer::{InferenceResult, contradiction, infer, read_light};
 pub use check::{CheckError, CheckResult, DetectedObject, check};
 pub use gonio::estimate::Alignment;
 pub use mirror::MirrorBall;

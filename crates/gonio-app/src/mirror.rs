@@ -9,8 +9,8 @@ use gonio::suggestion::Suggestion;
 
 use crate::mask::disk_of;
 use crate::regions::Regions;
-use crate::scene::read_mask;
-use crate::{AppError, PhotographSource, Scene, ShapeKind, Warning};
+use crate::scene::LoadedScene;
+use crate::{AppError, Warning};
 
 /// Width around the outline of a mirror ball that is erased with it: a share of the radius, and
 /// pixels.
@@ -28,60 +28,54 @@ pub struct MirrorBall {
 }
 
 impl MirrorBall {
-    /// Reads the photograph of a scene and estimates the light from the ball. If the object of the
-    /// scene is a ball to be detected, detects it beside the mirror ball. Returns the scene with
-    /// the photograph in memory, and the light.
+    /// Estimates the light from the ball in the photograph of a scene. If the object of the scene
+    /// is a ball to be detected, detects it beside the mirror ball.
     ///
     /// # Errors
-    /// If a file cannot be read, the mirror ball has too few usable pixels, or no other ball is
-    /// detected. The error names the faulty input.
+    /// If the mirror ball has too few usable pixels, or no other ball is detected. The error names
+    /// the faulty input.
     pub(crate) fn light(
         &self,
-        mut scene: Scene,
+        scene: &mut LoadedScene,
         regions: Option<&Regions>,
         warnings: &mut Vec<Warning>,
-    ) -> Result<(Scene, EnvironmentMap), AppError> {
-        let photograph = scene.photograph.read(&scene.reading, scene.clip, warnings)?;
-        let picture = &photograph.picture;
+    ) -> Result<EnvironmentMap, AppError> {
+        let (name, picture) = (scene.name(), scene.picture());
         let blame = |error: gonio::probe::ProbeError| {
-            AppError::of(&scene.name, format!("mirror ball: {error}")).with(Suggestion::MirrorBall)
+            AppError::of(name, format!("mirror ball: {error}")).with(Suggestion::MirrorBall)
         };
         let reflectance = Reflectance::new(self.reflectance).map_err(|error| AppError::new(error.to_string()))?;
         let size = picture.rgb.size();
         let Circle { x, y, radius } = self.circle;
         if [x, y, radius].iter().any(|v| v.is_nan() || v.abs() > MAX_COORDINATE) {
             let problem = format!("mirror ball: the outline {x},{y},{radius} is not in the photograph");
-            return Err(AppError::of(&scene.name, problem).with(Suggestion::MirrorBall));
+            return Err(AppError::of(name, problem).with(Suggestion::MirrorBall));
         }
-        let object = match scene.shape.camera(size)? {
+        let object = match &scene.camera {
             None => Object::Sphere(Some(self.circle)),
-            Some(camera) => Object::Ball(camera),
+            Some(camera) => Object::Ball(*camera),
         };
         let disk = disk_of(&self.circle, size);
-        let view = View::of(&opaque(picture), Some(&disk), &object, photograph.clip).map_err(blame)?;
+        let view = View::of(&opaque(picture), Some(&disk), &object, scene.photograph.clip).map_err(blame)?;
         let found = probe(&view, None, &ProbeSettings { reflectance, rows: None }).map_err(blame)?;
         let oddities = view.scene_warnings().into_iter().chain(found.report.scene_warnings());
-        warnings.extend(oddities.map(|odd| Warning::from(format!("{}: mirror ball: {odd}", scene.name))));
-        let is_ball = matches!((&scene.shape.kind, &scene.shape.camera), (ShapeKind::Sphere(_), None));
+        warnings.extend(oddities.map(|odd| Warning::from(format!("{name}: mirror ball: {odd}"))));
+        let is_ball = matches!(scene.object, Object::Sphere(_));
         let is_masked = scene.mask.is_some() || matches!(regions, Some(Regions::Labels(_) | Regions::Circles(_)));
         if matches!(regions, Some(Regions::Balls)) {
             let problem = "several balls beside a mirror ball cannot be detected; specify their outlines";
-            return Err(AppError::of(&scene.name, problem));
+            return Err(AppError::of(name, problem));
         }
         if !is_ball && !is_masked {
             let problem = "a photograph with a mirror ball requires a mask of the object, unless the object is a ball";
-            return Err(AppError::of(&scene.name, problem).with(Suggestion::Mask));
+            return Err(AppError::of(name, problem).with(Suggestion::Mask));
         }
-        let is_detected = is_ball && matches!(scene.shape.kind, ShapeKind::Sphere(None));
-        if is_detected && !matches!(regions, Some(Regions::Circles(_))) {
-            // The mask is read again, with its warnings, when it is used.
-            let mask = read_mask(scene.mask.clone(), picture.rgb.size(), &mut Vec::new())?;
-            let (circle, _) = outline_of_ball(&inpaint_ball(picture, &self.circle), mask.as_ref())
-                .map_err(|error| AppError::of_scene(&scene.name, &error).within("object beside the mirror ball"))?;
-            scene.shape.kind = ShapeKind::Sphere(Some(circle));
+        if matches!(scene.object, Object::Sphere(None)) && !matches!(regions, Some(Regions::Circles(_))) {
+            let (circle, _) = outline_of_ball(&inpaint_ball(picture, &self.circle), scene.mask.as_ref())
+                .map_err(|error| AppError::of_scene(name, &error).within("object beside the mirror ball"))?;
+            scene.object = Object::Sphere(Some(circle));
         }
-        scene.photograph = PhotographSource::Read(Box::new(photograph));
-        Ok((scene, found.light))
+        Ok(found.light)
     }
 
     /// Checks that the detected object is not the mirror ball.

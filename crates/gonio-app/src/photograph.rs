@@ -57,8 +57,6 @@ pub enum Curve {
 pub enum PhotographSource {
     /// A picture in memory.
     Memory(Picture),
-    /// A photograph that is already read.
-    Read(Box<Photograph>),
     /// Image file in memory: its name for messages, and its bytes.
     Bytes(String, Vec<u8>),
     /// Files of an image or of the exposures of a bracket; at least one.
@@ -126,7 +124,6 @@ impl PhotographSource {
                     return Ok(Photograph { picture, clip, bracket: None, space: Some(input) });
                 }
             },
-            Self::Read(photograph) => return Ok(*photograph),
             Self::Bytes(name, bytes) => {
                 if reading.response.is_some() {
                     return Err(AppError::of(name, "a response curve applies only to exposures in files"));

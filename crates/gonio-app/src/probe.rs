@@ -1,5 +1,7 @@
 //! Estimates a light map from photographs of a mirror ball.
 
+use std::sync::Arc;
+
 use glam::Vec3;
 use gonio::picture::Plane;
 use gonio::probe::{ProbeError, ProbeSettings, ProbeWarning, Reflectance, SecondView, View, probe};
@@ -12,7 +14,7 @@ use gonio_report::probe::draw;
 use serde_json::{Value, json};
 
 use crate::scene::LoadedScene;
-use crate::{AppError, ProgressLog, Scene, Warning};
+use crate::{AppError, Photograph, ProgressLog, Scene, Warning};
 
 /// A mirror ball in one photograph or two.
 #[derive(Clone, Debug)]
@@ -128,8 +130,8 @@ impl ObservedBall {
         progress_log: &ProgressLog<'_>,
     ) -> Result<Self, AppError> {
         let name = scene.name.clone();
-        let LoadedScene { picture, clip, bracket, space, mask, object, names, .. } =
-            scene.open(warnings, progress_log)?;
+        let LoadedScene { photograph, mask, object, names, .. } = scene.load(warnings, progress_log)?;
+        let Photograph { picture, clip, bracket, space } = Arc::unwrap_or_clone(photograph);
         let view = View::of(&picture, mask.as_ref(), &object, clip).map_err(|error| {
             let problem = match &error {
                 ProbeError::Scene(scene) => AppError::of(names.origin(scene), &error),

@@ -72,7 +72,7 @@ impl Reference {
     /// If the mask of a grey card cannot be read, or the reference is unusable. The error names the
     /// faulty input.
     pub(crate) fn measure(
-        self,
+        &self,
         (name, picture, clip): (&str, &Picture, Option<f32>),
         detection: &Detection,
         warnings: &mut Vec<Warning>,

@@ -6,7 +6,7 @@ use glam::Vec3;
 use gonio::estimate::{EstimateStage, RegionEstimate, estimate_regions};
 use gonio::model::Model;
 use gonio::picture::{Picture, Plane};
-use gonio::scene::{Circle, Observations, outline_of_ball, separate_balls};
+use gonio::scene::{Circle, Object, Observations, outline_of_ball, separate_balls};
 use gonio_io::picture::{ReadOptions, encode_png};
 use gonio_io::result::{self, REGIONS_FORMAT, RegionEntry, RegionsDocument, VERSION};
 use gonio_report::combined::{Shown, side_by_side};
@@ -15,8 +15,9 @@ use gonio_report::regions::{Row, page, painted};
 use crate::answer::{InferenceContext, InferenceResult, MethodResult, assemble, of_one, solve};
 use crate::mask::disk_of;
 use crate::results::{MATERIALS, REPORT, RESULT};
-use crate::scene::read_mask;
-use crate::{AppError, Method, Photograph, PhotographSource, ProgressLog, Scene, Settings, ShapeKind, Source, Warning};
+use crate::scene::{LoadedScene, RegionMask};
+use crate::shape::CIRCLE_AND_CAMERA;
+use crate::{AppError, Method, ProgressLog, Scene, Settings, Source, Warning};
 
 /// Largest number of regions in a photograph.
 pub(crate) const MAX_REGIONS: usize = 16;
@@ -58,13 +59,6 @@ pub struct RegionsResult {
     pub page: Option<String>,
 }
 
-/// A region before inference.
-pub(crate) struct RegionMask {
-    pub(crate) name: String,
-    pub(crate) mask: Plane<f32>,
-    form: ShapeKind,
-}
-
 /// Result for a photograph of one material or of several.
 pub enum InferenceOutcome {
     /// One material.
@@ -79,7 +73,7 @@ pub enum InferenceOutcome {
 /// See [`infer`](crate::infer) and [`infer_regions`].
 pub fn infer_all(
     model: (&Model, &str),
-    mut scene: Scene,
+    scene: Scene,
     regions: Option<&Regions>,
     settings: &Settings<'_>,
     progress_log: &ProgressLog<'_>,
@@ -88,47 +82,17 @@ pub fn infer_all(
         return Ok(InferenceOutcome::Regions(Box::new(infer_regions(model, scene, regions, settings, progress_log)?)));
     }
     let (mut context, mut warnings) = (InferenceContext::of(model, settings)?, Vec::new());
-    scene = context.with_mirror_ball(scene, None, settings, &mut warnings, progress_log)?;
-    if may_be_several(&scene) && settings.method.paper().is_none() {
-        progress_log.report("reading", 0.0);
-        let photograph = scene.photograph.read(&scene.reading, scene.clip, &mut warnings)?;
-        // The mask is read again, with its warnings, when it is used.
-        let mask = read_mask(scene.mask.clone(), photograph.picture.rgb.size(), &mut Vec::new())?;
-        let several = separate_balls(&photograph.picture, mask.as_ref()).len() > 1;
-        scene.photograph = PhotographSource::Read(Box::new(photograph));
-        if several {
-            return Ok(InferenceOutcome::Regions(Box::new(of_regions(
-                &context,
-                scene,
-                &Regions::Balls,
-                settings,
-                warnings,
-                progress_log,
-            )?)));
-        }
+    let scene = context.load(scene, None, settings, &mut warnings, progress_log)?;
+    if settings.method.paper().is_none() && shows_several_balls(&scene) {
+        let found = of_regions(&context, &scene, &Regions::Balls, settings, warnings, progress_log)?;
+        return Ok(InferenceOutcome::Regions(Box::new(found)));
     }
-    Ok(InferenceOutcome::Material(Box::new(of_one(&context, scene, settings, warnings, progress_log)?)))
+    Ok(InferenceOutcome::Material(Box::new(of_one(&context, &scene, settings, warnings, progress_log)?)))
 }
 
-/// Whether a scene can contain several separate balls.
-pub(crate) fn may_be_several(scene: &Scene) -> bool {
-    matches!((&scene.shape.kind, &scene.shape.camera), (ShapeKind::Sphere(None), None))
-}
-
-impl RegionMask {
-    /// Returns the scene of this region only.
-    pub(crate) fn scene(&self, whole: &Scene, photograph: &Photograph) -> Scene {
-        Scene {
-            photograph: PhotographSource::Read(Box::new(photograph.clone())),
-            mask: Some(Source::Memory(self.mask.clone())),
-            // The mask of each region separates the materials.
-            keep_colours: true,
-            // The checks that `force` skips apply to whole objects, not to regions.
-            force: true,
-            shape: crate::Shape { kind: self.form.clone(), ..whole.shape.clone() },
-            ..whole.clone()
-        }
-    }
+/// Whether a scene whose ball is to be detected shows several separate balls.
+pub(crate) fn shows_several_balls(scene: &LoadedScene) -> bool {
+    matches!(scene.object, Object::Sphere(None)) && separate_balls(scene.picture(), scene.mask.as_ref()).len() > 1
 }
 
 /// Infers the material of each region of a photograph, under one light.
@@ -149,31 +113,28 @@ pub fn infer_regions(
         ));
     }
     let (mut context, mut warnings) = (InferenceContext::of(model, settings)?, Vec::new());
-    let scene = context.with_mirror_ball(scene, Some(regions), settings, &mut warnings, progress_log)?;
-    of_regions(&context, scene, regions, settings, warnings, progress_log)
+    let scene = context.load(scene, Some(regions), settings, &mut warnings, progress_log)?;
+    of_regions(&context, &scene, regions, settings, warnings, progress_log)
 }
 
 fn of_regions(
     context: &InferenceContext<'_>,
-    scene: Scene,
+    scene: &LoadedScene,
     regions: &Regions,
     settings: &Settings<'_>,
-    mut warnings: Vec<Warning>,
+    warnings: Vec<Warning>,
     progress_log: &ProgressLog<'_>,
 ) -> Result<RegionsResult, AppError> {
-    progress_log.report("reading", 0.0);
-    let photograph = scene.photograph.clone().read(&scene.reading, scene.clip, &mut warnings)?;
-    let mask = read_mask(scene.mask.clone(), photograph.picture.rgb.size(), &mut warnings)?;
-    let parts = region_masks(&photograph.picture, mask.as_ref(), &scene, regions)?;
+    let (name, linear) = (scene.name(), scene.linear);
+    let parts = region_masks(scene, regions)?;
     let mut looked = Vec::new();
     for part in &parts {
-        let one = part.scene(&scene, &photograph);
         let mut own = Vec::new();
-        let of = |problem: AppError| problem.within(&format!("region {}", part.name));
-        let seen = context.observe(one, settings, &mut own, progress_log).map_err(of)?;
+        let seen = scene
+            .observe(Some(part), context.observing(settings), &mut own, progress_log)
+            .map_err(|problem| problem.within(&format!("region {}", part.name)))?;
         looked.push((seen, own));
     }
-    let linear = scene.reading.linear;
     // All regions share the reference of the photograph.
     let rule = looked.first().map_or(context.rule, |(seen, _)| context.rule_of(seen)).0;
     let together = match settings.method {
@@ -181,9 +142,8 @@ fn of_regions(
             let all: Vec<&Observations> = looked.iter().map(|(seen, _)| &seen.detection.observations).collect();
             let ask = settings.estimate(rule);
             let begin = |stage: EstimateStage| progress_log.report(stage.name(), 0.0);
-            let found = estimate_regions(&context.model, &all, &ask, &begin).map_err(|(at, error)| {
-                AppError::of(&scene.name, error).within(&format!("region {}", parts[at].name))
-            })?;
+            let found = estimate_regions(&context.model, &all, &ask, &begin)
+                .map_err(|(at, error)| AppError::of(name, error).within(&format!("region {}", parts[at].name)))?;
             found.into_iter().map(Some).collect()
         }
         _ => vec![None; parts.len()],
@@ -194,59 +154,54 @@ fn of_regions(
         let found = match beside {
             Some(RegionEstimate { estimate, relative_albedo }) => {
                 let ask = settings.estimate(rule);
-                let mut found = MethodResult::blind(estimate, (&seen, &scene.name), (&ask, linear), &mut own);
+                let mut found = MethodResult::blind(estimate, (&seen, name), (&ask, linear), &mut own);
                 found.document.relative_albedo = Some(relative_albedo);
                 found
             }
-            None => solve(context, &seen, (&scene.name, linear), settings, &mut own, progress_log)
+            None => solve(context, &seen, (name, linear), settings, &mut own, progress_log)
                 .map_err(|problem| problem.within(&format!("region {}", part.name)))?,
         };
-        let found = found.scaled_by_reference(&seen, &scene.name, &mut own);
-        let answer = assemble(context, seen, found, &scene.name, settings, own, progress_log);
+        let found = found.scaled_by_reference(&seen, name, &mut own);
+        let answer = assemble(context, seen, found, name, settings, own, progress_log);
         done.push(Region { name: part.name.clone(), result: answer, relative_albedo });
     }
-    Ok(RegionsResult::of(&scene.name, &photograph.picture, &parts, done, &warnings, settings))
+    Ok(RegionsResult::of(name, scene.picture(), &parts, done, &warnings, settings))
 }
 
 /// Returns the regions with their masks.
-pub(crate) fn region_masks(
-    picture: &Picture,
-    mask: Option<&Plane<f32>>,
-    scene: &Scene,
-    regions: &Regions,
-) -> Result<Vec<RegionMask>, AppError> {
+pub(crate) fn region_masks(scene: &LoadedScene, regions: &Regions) -> Result<Vec<RegionMask>, AppError> {
+    let (picture, mask, name) = (scene.picture(), scene.mask.as_ref(), scene.name());
     let size = picture.rgb.size();
-    let ball = |at: usize, mask: Plane<f32>, circle| RegionMask {
-        name: (at + 1).to_string(),
-        mask,
-        form: ShapeKind::Sphere(circle),
-    };
+    let ball = |at: usize, mask: Plane<f32>, object| RegionMask { name: (at + 1).to_string(), mask, object };
     match regions {
         Regions::Labels(source) => {
             let inside = mask.or(picture.alpha.as_ref());
-            let labels = read_labels(source, size, &scene.name)?;
+            let labels = read_labels(source, size, name)?;
             // All regions of a ball share its outline.
-            let form = match (&scene.shape.kind, &scene.shape.camera) {
-                (ShapeKind::Sphere(None), None) => ShapeKind::Sphere(Some(
-                    outline_of_ball(picture, mask).map_err(|error| AppError::of_scene(&scene.name, &error))?.0,
-                )),
-                (ShapeKind::Outline, _) => {
+            let object = match &scene.object {
+                Object::Sphere(None) => {
+                    let outline = outline_of_ball(picture, mask);
+                    Object::Sphere(Some(outline.map_err(|error| AppError::of_scene(name, &error))?.0))
+                }
+                Object::Outline => {
                     return Err(AppError::new(
                         "an outline cannot be inflated for each region; specify the shape of the object by normals or a mesh",
                     ));
                 }
-                (form, _) => form.clone(),
+                object => object.clone(),
             };
             let part = |(name, own): (String, Plane<bool>)| {
                 let mask = Plane::from_fn(size.0, size.1, |x, y| {
                     if own[(x, y)] { inside.map_or(1.0, |mask| mask[(x, y)]) } else { 0.0 }
                 });
-                RegionMask { name, mask, form: form.clone() }
+                RegionMask { name, mask, object: object.clone() }
             };
             Ok(labels.into_iter().map(part).collect())
         }
+        Regions::Circles(_) if scene.camera.is_some() => Err(AppError::new(CIRCLE_AND_CAMERA)),
         Regions::Circles(circles) => {
-            Ok(circles.iter().enumerate().map(|(at, circle)| ball(at, disk_of(circle, size), Some(*circle))).collect())
+            let of = |(at, circle): (usize, &Circle)| ball(at, disk_of(circle, size), Object::Sphere(Some(*circle)));
+            Ok(circles.iter().enumerate().map(of).collect())
         }
         Regions::Balls => {
             let found = separate_balls(picture, mask);
@@ -255,9 +210,10 @@ pub(crate) fn region_masks(
                     "detected {} balls, more than the limit of {MAX_REGIONS}; select balls by a mask or circles",
                     found.len()
                 );
-                return Err(AppError::of(&scene.name, problem));
+                return Err(AppError::of(name, problem));
             }
-            Ok(found.into_iter().enumerate().map(|(at, mask)| ball(at, mask, None)).collect())
+            let object = || scene.camera.map_or(Object::Sphere(None), Object::Ball);
+            Ok(found.into_iter().enumerate().map(|(at, mask)| ball(at, mask, object())).collect())
         }
     }
 }

@@ -1,10 +1,12 @@
 //! Reads a photograph, detects its object and samples the image on it.
 
+use std::sync::Arc;
+
 use gonio::picture::{Picture, Plane};
 use gonio::scene::{Detection, Object, ObservationSettings, SceneError, SceneWarning};
+use gonio::shape::Camera;
 use gonio::sphere::OctahedralMap;
-use gonio_io::picture::InputSpace;
-use gonio_io::result::{Bracket, Observations};
+use gonio_io::result::Observations;
 
 use crate::document::{self, ShapeOrigin};
 use crate::mask::{alike, resampled};
@@ -35,16 +37,35 @@ pub struct Scene {
     pub reference: Option<Reference>,
 }
 
-/// A scene with its detected object.
+/// A scene with its files in memory.
+pub(crate) struct LoadedScene {
+    pub(crate) photograph: Arc<Photograph>,
+    pub(crate) mask: Option<Plane<f32>>,
+    pub(crate) object: Object,
+    /// The camera; `None` for an orthographic one.
+    pub(crate) camera: Option<Camera>,
+    pub(crate) names: InputNames,
+    /// Whether integer values of the photograph are linear radiance.
+    pub(crate) linear: bool,
+    pub(crate) reference: Option<Reference>,
+    keep_colours: bool,
+    force: bool,
+    origin: ShapeOrigin,
+}
+
+/// A region of a photograph before its inference.
+pub(crate) struct RegionMask {
+    pub(crate) name: String,
+    pub(crate) mask: Plane<f32>,
+    pub(crate) object: Object,
+}
+
+/// A photograph with a detected object.
 pub struct ObservedScene {
     /// The photograph.
-    pub picture: Picture,
+    pub photograph: Arc<Photograph>,
     /// The object and the observations on it.
     pub detection: Detection,
-    /// The section `bracket` of the result.
-    pub bracket: Option<Bracket>,
-    /// Colour space of the photograph, unless it was in memory.
-    pub space: Option<InputSpace>,
     /// The reference in the photograph.
     pub reference: Option<MeasuredReference>,
     /// Whether to estimate although shape or light contradict the photograph.
@@ -61,68 +82,97 @@ impl ObservedScene {
     }
 }
 
-/// Contents of the files of a scene.
-pub(crate) struct LoadedScene {
-    pub(crate) picture: Picture,
-    pub(crate) clip: Option<f32>,
-    /// The section `bracket` of the result.
-    pub(crate) bracket: Option<Bracket>,
-    /// Colour space of the photograph.
-    pub(crate) space: Option<InputSpace>,
-    pub(crate) mask: Option<Plane<f32>>,
-    pub(crate) object: Object,
-    origin: ShapeOrigin,
-    pub(crate) names: InputNames,
-}
+/// Settings of an observation that depend on the method: normals and weights, and the map and the
+/// side of the grid on which self-shadowing is computed; `None` ignores it.
+pub(crate) type Observing = (ObservationSettings, Option<(OctahedralMap, usize)>);
 
 impl Scene {
     /// Reads the files. Reports the stage `reading`.
     ///
     /// # Errors
     /// If a file cannot be read, or mask and photograph do not match.
-    pub(crate) fn open(
+    pub(crate) fn load(
         self,
         warnings: &mut Vec<Warning>,
         progress_log: &ProgressLog<'_>,
     ) -> Result<LoadedScene, AppError> {
         progress_log.report("reading", 0.0);
-        let Photograph { picture, clip, bracket, space } = self.photograph.read(&self.reading, self.clip, warnings)?;
-        let size = picture.rgb.size();
+        let photograph = self.photograph.read(&self.reading, self.clip, warnings)?;
+        let size = photograph.picture.rgb.size();
         let names = InputNames::of(&self.name, self.mask.as_ref(), &self.shape);
         let mask = read_mask(self.mask, size, warnings)?;
         progress_log.report("reading", 0.5);
-        let (object, origin) = self.shape.object(&self.name, size, warnings)?;
-        Ok(LoadedScene { picture, clip, bracket, space, mask, object, origin, names })
+        let camera = self.shape.camera(size)?;
+        let (object, origin) = self.shape.object_before(camera, &self.name, size, warnings)?;
+        Ok(LoadedScene {
+            photograph: Arc::new(photograph),
+            mask,
+            object,
+            camera,
+            names,
+            linear: self.reading.linear,
+            reference: self.reference,
+            keep_colours: self.keep_colours,
+            force: self.force,
+            origin,
+        })
+    }
+}
+
+impl LoadedScene {
+    /// Returns the photograph.
+    pub(crate) fn picture(&self) -> &Picture {
+        &self.photograph.picture
     }
 
-    /// Reads the files, detects the object and samples the image on it. `shadows` is the map and
-    /// the side of the grid on which self-shadowing is computed; `None` ignores it. Reports the
-    /// stages `reading` and `shadows`.
+    /// Returns the name of the photograph in messages.
+    pub(crate) fn name(&self) -> &str {
+        &self.names.image
+    }
+
+    /// Detects the object, or a region of it, and samples the image on it. Reports the stage
+    /// `shadows`.
     ///
     /// # Errors
-    /// If a file cannot be read, the object is not detected, or it has too few usable pixels. The
-    /// error names the faulty input.
-    pub fn observe(
-        self,
-        known: &ObservationSettings,
-        shadows: Option<(OctahedralMap, usize)>,
+    /// If the object is not detected, or it has too few usable pixels. The error names the faulty
+    /// input.
+    pub(crate) fn observe(
+        &self,
+        region: Option<&RegionMask>,
+        (settings, shadows): Observing,
         warnings: &mut Vec<Warning>,
         progress_log: &ProgressLog<'_>,
     ) -> Result<ObservedScene, AppError> {
-        let (keep_colours, force, reference) = (self.keep_colours, self.force, self.reference.clone());
-        let LoadedScene { picture, clip, bracket, space, mask, object, origin, names } =
-            self.open(warnings, progress_log)?;
-        let settings = ObservationSettings { clip, keep_colours, force, ..*known };
-        let mut detection = Detection::of(&picture, mask, object, &settings).map_err(|error| names.blame(&error))?;
+        let Photograph { picture, clip, .. } = &*self.photograph;
+        let (mask, object) = match region {
+            None => (self.mask.clone(), self.object.clone()),
+            Some(region) => (Some(region.mask.clone()), region.object.clone()),
+        };
+        // The mask of each region separates the materials, and the checks that `force` skips apply
+        // to whole objects.
+        let (keep_colours, force) = (self.keep_colours || region.is_some(), self.force || region.is_some());
+        let names = match region {
+            None => &self.names,
+            Some(_) => &self.names.of_region(),
+        };
+        let settings = ObservationSettings { clip: *clip, keep_colours, force, ..settings };
+        let mut detection = Detection::of(picture, mask, object, &settings).map_err(|error| names.blame(&error))?;
         warnings.extend(detection.scene_warnings.iter().map(|odd| names.warn(odd)));
         if let Some(grid) = shadows.filter(|_| detection.placed.is_some()) {
             progress_log.report("shadows", 0.0);
             detection.shadow(grid, &|x| progress_log.report("shadows", x)).map_err(|error| names.blame(&error))?;
         }
-        let given = (names.image.as_str(), &picture, clip);
-        let reference = reference.map(|reference| reference.measure(given, &detection, warnings)).transpose()?;
-        let shadowed = shadows.is_some();
-        Ok(ObservedScene { picture, detection, bracket, space, reference, force, origin, shadowed })
+        let given = (names.image.as_str(), picture, *clip);
+        let measure = |reference: &Reference| reference.measure(given, &detection, warnings);
+        let reference = self.reference.as_ref().map(measure).transpose()?;
+        Ok(ObservedScene {
+            photograph: self.photograph.clone(),
+            detection,
+            reference,
+            force,
+            origin: self.origin.clone(),
+            shadowed: shadows.is_some(),
+        })
     }
 }
 
@@ -161,6 +211,7 @@ pub(crate) fn read_mask(
 const UNNAMED_MASK: &str = "the mask";
 
 /// Names of the inputs of a scene in messages.
+#[derive(Clone)]
 pub(crate) struct InputNames {
     image: String,
     mask: Option<String>,
@@ -182,6 +233,11 @@ impl InputNames {
             (None, _) => image.to_owned(),
         };
         Self { image: image.to_owned(), mask, shape, places, whole }
+    }
+
+    /// Returns the names for a region, whose mask is not a file.
+    fn of_region(&self) -> Self {
+        Self { mask: Some(UNNAMED_MASK.to_owned()), ..self.clone() }
     }
 
     /// Returns the error, with the faulty input.

@@ -85,6 +85,10 @@ pub enum PositionSource {
     Positions(Source<Plane<Option<DVec3>>>),
 }
 
+/// Error for the outline of a ball before a camera.
+pub(crate) const CIRCLE_AND_CAMERA: &str =
+    "circle and camera cannot be combined; remove the circle, because gonio detects the ball in perspective";
+
 impl Shape {
     /// Creates a shape with the default camera.
     pub fn of(form: ShapeKind) -> Self {
@@ -129,14 +133,21 @@ impl Shape {
         warnings: &mut Vec<Warning>,
     ) -> Result<(Object, ShapeOrigin), AppError> {
         let camera = self.camera(size)?;
+        self.object_before(camera, image, size, warnings)
+    }
+
+    /// Returns the object like [`Self::object`], with the camera that was read.
+    pub(crate) fn object_before(
+        self,
+        camera: Option<Camera>,
+        image: &str,
+        size: (usize, usize),
+        warnings: &mut Vec<Warning>,
+    ) -> Result<(Object, ShapeOrigin), AppError> {
         let object = match (self.kind, camera) {
             (ShapeKind::Sphere(circle), None) => Object::Sphere(circle),
             (ShapeKind::Sphere(None), Some(camera)) => Object::Ball(camera),
-            (ShapeKind::Sphere(Some(_)), Some(_)) => {
-                return Err(AppError::new(
-                    "circle and camera cannot be combined; remove the circle, because gonio detects the ball in perspective",
-                ));
-            }
+            (ShapeKind::Sphere(Some(_)), Some(_)) => return Err(AppError::new(CIRCLE_AND_CAMERA)),
             (ShapeKind::Ellipsoid(depth), None) => Object::Ellipsoid(depth),
             (ShapeKind::Ellipsoid(_), Some(_)) => {
                 let problem = "ellipsoid and camera cannot be combined, because gonio fits an ellipsoid under an \

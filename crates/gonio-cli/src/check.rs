@@ -110,7 +110,7 @@ fn describe_reference(reference: &MeasuredReference) -> String {
 
 /// Describes a photograph and each of its objects.
 fn describe(checked: &CheckResult, name: &str) -> String {
-    let (width, height) = checked.picture.rgb.size();
+    let (width, height) = checked.photograph.picture.rgb.size();
     let mut lines = format!("{name}: {width}x{height} pixels\n");
     let reference = checked.objects.first().and_then(|object| object.scene.reference.as_ref());
     lines += &reference.map(describe_reference).unwrap_or_default();

@@ -162,10 +162,10 @@
     run.viewer.ready.then((drawn) => (document.documentElement.dataset.viewer = drawn ? "drawn" : "none"));
   }
 
-  function words({ verdict, open, diagnostics, neighbours, coloured }) {
+  function words({ verdict, undetermined_share, diagnostics, neighbours, coloured }) {
     const facts = {
       Finish: `${verdict[0].toUpperCase()}${verdict.slice(1)}.`,
-      Undetermined: `The photograph does not determine ${percent(open)} of the BRDF.`,
+      Undetermined: `The photograph does not determine ${percent(undetermined_share)} of the BRDF.`,
       Colour: coloured ? "Each channel of the BRDF is estimated from the same channel of the photograph. The light is assumed to be neutral."
         : "None, because the photograph is grey.",
       Scale: "A photograph under unknown light does not determine the albedo; it is set to 0.5 at normal incidence.",
@@ -180,13 +180,20 @@
       return make("tr", {}, make("th", { scope: "row", textContent: name.replaceAll("-", " ") }), make("td", {}, bar, percent(weight)));
     }));
     if (neighbours.length > 0) list.append(make("dt", { textContent: "Measured materials with the most similar highlights, and their weights" }), make("dd", {}, near));
-    const warnings = [...run.warnings, ...diagnostics];
-    const items = warnings.map((textContent) => make("li", { textContent }));
-    at("words").querySelector("div").replaceChildren(
-      ...(items.length > 0 ? [make("ul", { className: "diagnostics" }, ...items)] : []), list);
+    at("words").querySelector("div").replaceChildren(make("ul", { className: "diagnostics" }), list);
+    warn(diagnostics);
   }
 
-  function light({ side, misfit, png, light: packed }) {
+  /** Lists the warnings on the photograph and the diagnostics of the estimate. */
+  function warn(diagnostics) {
+    const items = [...run.warnings, ...diagnostics].map((textContent) => make("li", { textContent }));
+    const list = at("words").querySelector(".diagnostics");
+    list.replaceChildren(...items);
+    list.hidden = items.length === 0;
+  }
+
+  function light({ side, misfit, diagnostics, png, light: packed }) {
+    warn(diagnostics);
     show("light");
     Object.assign(at("light").querySelector("img"), { src: png, alt: `Lat-long map of the estimated light, from a grid of ${side} × ${side} texels` });
     at("light").querySelector("figcaption").textContent =

@@ -5,7 +5,7 @@ use std::path::Path;
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use glam::Vec3;
-use gonio::estimate::{ChromaticLight, Colouring, ColouringRule, Estimate, EstimateSettings, Light, Material};
+use gonio::estimate::{Colouring, Estimate, EstimateSettings, MaterialEstimate};
 use gonio::model::Model;
 use gonio::picture::{Picture, Plane};
 use gonio::reflectance::MerlTable;
@@ -14,7 +14,7 @@ use gonio::suggestion::Suggestion;
 use gonio_app::document::{self, ShapeOrigin};
 use gonio_app::photograph::decode_picture;
 use gonio_app::results::{EARLIER_BRDF, LIGHT, LIGHT_ROWS, RESULT};
-use gonio_app::{AS_CAPTURED, Method, Spaces};
+use gonio_app::{AS_CAPTURED, Method, Spaces, contradiction};
 use gonio_io::picture::ReadOptions;
 use gonio_io::result::{self, ResultDocument};
 use gonio_io::rgl::{self, Channels};
@@ -65,8 +65,9 @@ pub struct Session {
     clip: Option<f32>,
     warnings: Vec<String>,
     detection: Option<Detection>,
-    found: Option<(Material, Colouring)>,
-    light: Option<(Light, Option<ChromaticLight>, EstimateSettings)>,
+    material: Option<MaterialEstimate>,
+    /// The last estimate with a light, and its settings.
+    estimate: Option<(Estimate, EstimateSettings)>,
 }
 
 impl Session {
@@ -88,8 +89,8 @@ impl Session {
             // The page has no settings, so warnings do not suggest any.
             warnings: warnings.iter().map(|warning| warning.worded(&|_| None)).collect(),
             detection: None,
-            found: None,
-            light: None,
+            material: None,
+            estimate: None,
         })
     }
 
@@ -139,9 +140,9 @@ impl Session {
     /// If the ball has not been detected yet, or the photograph is black.
     pub fn material(&mut self) -> Result<Value, String> {
         let detection = self.detection.as_ref().ok_or("the ball has not been detected yet")?;
-        let side = EstimateSettings::default().side;
-        let material = Material::of(&self.model, &detection.observations, side).map_err(|e| self.blamed(&e))?;
-        let colouring = Colouring::of(&self.model, &detection.observations, &material.table, &ColouringRule::default());
+        let found = MaterialEstimate::of(&self.model, &detection.observations, &EstimateSettings::default())
+            .map_err(|error| self.blamed(&error))?;
+        let MaterialEstimate { material, colouring } = &found;
         let field = colouring.field();
         let [dull, glossy] = &material.ends.tables;
         let views = [("estimate", &material.table), ("dull end (5 %)", dull), ("glossy end (95 %)", glossy)]
@@ -150,37 +151,43 @@ impl Session {
             material.neighbours.iter().map(|n| json!({ "name": n.name, "weight": n.weight })).collect();
         let notes = json!({
             "verdict": material.verdict(),
-            "undetermined": material.undetermined_share,
+            "undetermined_share": material.undetermined_share,
             "diagnostics": material.diagnostics().iter().map(ToString::to_string).collect::<Vec<_>>(),
             "neighbours": neighbours,
             "coloured": !matches!(colouring, Colouring::Grey | Colouring::GreyPhotograph),
             "materials": views,
             "lights": builtin_lights(ROWS).iter().map(|(name, map)| sphere::light(name, map.radiance())).collect::<Vec<_>>(),
         });
-        self.found = Some((material, colouring));
+        self.material = Some(found);
         Ok(notes)
     }
 
     /// Estimates the light on a grid of `side` texels per side; a coarse grid is faster. The
-    /// session keeps the last light.
+    /// session keeps the last light. The result includes the diagnostics of the whole estimate.
     ///
     /// # Errors
-    /// If the material has not been estimated yet, or the prior does not support the grid.
+    /// If the material has not been estimated yet, the prior does not support the grid, or a light
+    /// on the grid of the program does not reproduce the photograph.
     pub fn light(&mut self, side: usize) -> Result<Value, String> {
-        let (detection, (material, colouring)) = self.known()?;
-        let settings = EstimateSettings { side, ..EstimateSettings::default() };
-        let light = Light::of(&self.model, &detection.observations, &material.table, &settings, &|_| ())
-            .map_err(|e| self.blamed(&e))?;
-        let tint = ChromaticLight::of(&self.model, &detection.observations, &material.table, colouring, &light)
-            .map_err(|e| self.blamed(&e))?;
-        let radiance = sphere::lit(tint.as_ref().map_or(&light.grid, |tint| &tint.grid));
+        let (detection, material) = self.known()?;
+        let program = EstimateSettings::default();
+        let settings = EstimateSettings { side, ..program };
+        let estimate = material
+            .with_light(&self.model, &detection.observations, &settings, &|_| ())
+            .map_err(|error| self.blamed(&error))?;
+        let misfit = estimate.light.misfit;
+        if let Some(error) = contradiction(&self.name, misfit).filter(|_| side == program.side) {
+            return Err(error.to_string());
+        }
+        let radiance = sphere::lit(&estimate.light_in_colour());
         let notes = json!({
             "side": side,
-            "misfit": light.misfit,
+            "misfit": misfit,
+            "diagnostics": estimate.diagnostics().iter().map(ToString::to_string).collect::<Vec<_>>(),
             "png": png(&preview::light(&radiance)),
             "light": sphere::light("estimated light", &radiance),
         });
-        self.light = Some((light, tint, settings));
+        self.estimate = Some((estimate, settings));
         Ok(notes)
     }
 
@@ -189,7 +196,7 @@ impl Session {
     /// # Errors
     /// If the material has not been estimated yet.
     pub fn uncertainty(&self) -> Result<Vec<u8>, String> {
-        let (_, (material, _)) = self.known()?;
+        let (_, MaterialEstimate { material, .. }) = self.known()?;
         let (mean, width) = (uncertainty::mean(&material.table), uncertainty::width(material));
         Ok(uncertainty::svg(&[&mean, &width], true, "Mean and 90 % interval of each cell").into_string().into_bytes())
     }
@@ -199,15 +206,14 @@ impl Session {
     /// # Errors
     /// If its content has not been estimated yet.
     pub fn product(&self, product: Product, seconds: &str) -> Result<Vec<u8>, String> {
-        let (_, (material, colouring)) = self.known()?;
+        let (_, MaterialEstimate { material, colouring }) = self.known()?;
         let tables = || colouring.field().tables(&material.table);
         Ok(match product {
             Product::Merl => gonio_io::merl::encode(&MerlTable::from_bivariate(tables().each_ref())),
             Product::Mitsuba => rgl::encode(&tables(), &stem(&self.name), Channels::Rgb),
             Product::Light => {
-                let (light, tint, _) = self.light.as_ref().ok_or("the light has not been estimated yet")?;
-                let grid = tint.as_ref().map_or(&light.grid, |tint| &tint.grid);
-                gonio_io::picture::encode_exr(&grid.to_lat_long(LIGHT_ROWS), None)
+                let (estimate, _) = self.estimated()?;
+                gonio_io::picture::encode_exr(&estimate.light_in_colour().to_lat_long(LIGHT_ROWS), None)
             }
             Product::Result => self.result(seconds)?.into_bytes(),
         })
@@ -216,27 +222,21 @@ impl Session {
     /// Returns the contents of `result.json` as in `gonio infer`, without entries about other
     /// files.
     fn result(&self, seconds: &str) -> Result<String, String> {
-        let (detection, (material, colouring)) = self.known()?;
-        let (light, tint, settings) = self.light.as_ref().ok_or("the light has not been estimated yet")?;
-        let colouring = match tint {
-            Some(tint) => &colouring.clone().less_certain(&material.table, tint),
-            None => colouring,
-        };
-        let (material, light) = (material.clone(), light.clone());
-        let estimate = Estimate { material, light, colouring: colouring.clone(), chromatic_light: tint.clone() };
+        let (detection, _) = self.known()?;
+        let (estimate, settings) = self.estimated()?;
         let scene_warnings = detection.scene_warnings.iter().map(ToString::to_string);
         let diagnostics = estimate.diagnostics();
         let warnings =
             self.warnings.iter().cloned().chain(scene_warnings).chain(diagnostics.iter().map(ToString::to_string));
         let mut document = document::new(Method::Learnt.name());
-        document::set_estimate(&mut document, &estimate, settings, false);
+        document::set_estimate(&mut document, estimate, settings, false);
         // The page does not offer this file.
         document.reflectance.file = None;
         let document = ResultDocument {
             image: Some(self.name.clone()),
             model: document::model(&self.model),
             observations: Some(document::observations(detection, &ShapeOrigin::default(), false)),
-            colour: document::colour(colouring, AS_CAPTURED),
+            colour: document::colour(&estimate.colouring, AS_CAPTURED),
             colorspace: Spaces::default().section(None),
             warnings: warnings.collect(),
             seconds: serde_json::from_str(seconds).unwrap_or_default(),
@@ -245,10 +245,14 @@ impl Session {
         Ok(result::encode(&document))
     }
 
-    fn known(&self) -> Result<(&Detection, &(Material, Colouring)), String> {
+    fn known(&self) -> Result<(&Detection, &MaterialEstimate), String> {
         let detection = self.detection.as_ref().ok_or("the ball has not been detected yet")?;
-        let found = self.found.as_ref().ok_or("the material has not been estimated yet")?;
-        Ok((detection, found))
+        let material = self.material.as_ref().ok_or("the material has not been estimated yet")?;
+        Ok((detection, material))
+    }
+
+    fn estimated(&self) -> Result<&(Estimate, EstimateSettings), String> {
+        self.estimate.as_ref().ok_or_else(|| "the light has not been estimated yet".to_owned())
     }
 
     fn blamed(&self, error: &dyn std::error::Error) -> String {

@@ -88,7 +88,7 @@ function difference(a, b) {
   return most;
 }
 
-/** Checks that nothing is wider than the window, that all images have alternative texts, and that axe reports no violations. */
+/** Checks that nothing is wider than the window, that all values and alternative texts exist, and that axe reports no violations. */
 async function layout(page, name) {
   const found = await page.evaluate(() => ({
     over: document.documentElement.scrollWidth - document.documentElement.clientWidth,
@@ -96,7 +96,9 @@ async function layout(page, name) {
     nameless: [...document.querySelectorAll("button, input, select")].filter((e) => {
       return e.checkVisibility() && !e.textContent.trim() && !e.labels?.length && !e.ariaLabel;
     }).length,
+    unset: document.body.innerText.match(/.{0,40}\b(NaN|undefined)\b.{0,20}/)?.[0],
   }));
+  check(!found.unset, `${name}: a value is missing in "${found.unset}"`);
   check(found.over <= 0, `${name}: ${found.over} pixels too wide`);
   check(found.wordless === 0, `${name}: ${found.wordless} images that are broken or have no alternative text`);
   check(found.nameless === 0, `${name}: ${found.nameless} controls without a name`);

@@ -20,7 +20,6 @@ use super::{Colouring, Diagnostic, EstimateError, Light};
 use crate::colour::Chroma;
 use crate::inference::light::LightError;
 use crate::lighting::{LightGrid, LightPrior};
-use crate::model::Model;
 use crate::picture::luminance;
 use crate::reflectance::BivariateTable;
 use crate::scene::Observations;
@@ -68,21 +67,6 @@ pub struct ChromaticLight {
 }
 
 impl ChromaticLight {
-    /// Estimates the colours of the light; `None` if the photograph or the requested BRDF is grey.
-    ///
-    /// # Errors
-    /// If the prior does not cover the grid of the light.
-    pub fn of(
-        model: &Model,
-        observations: &Observations,
-        table: &BivariateTable,
-        colouring: &Colouring,
-        light: &Light,
-    ) -> Result<Option<Self>, EstimateError> {
-        let rows = Rows::of(&model.light, observations, table, colouring, light.grid.side())?;
-        Ok(rows.and_then(|rows| rows.under(colouring, light)))
-    }
-
     /// Returns a diagnostic if the colours of the BRDF are unreliable.
     pub(super) fn diagnostic(&self) -> Option<Diagnostic> {
         (self.chroma_residual[1] > TOO_FAR).then_some(Diagnostic::Colours(self.chroma_residual[1]))

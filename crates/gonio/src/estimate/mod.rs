@@ -1,10 +1,10 @@
 //! Estimation from observations, by the posterior of materials with the light integrated out.
 //!
-//! [`estimate`] performs all steps. They are also available separately: [`Material::of`] infers the
-//! material, [`Light::of`] the light given the material, and [`Colouring::of`] the colours of both.
-//! [`estimate_known_light`] uses a known light, [`combine`] combines several photographs, and
-//! [`estimate_regions`] estimates several materials under one light. The methods of the paper,
-//! which estimate basis coefficients, are in [`inference`](crate::inference).
+//! [`estimate`] performs all steps. [`MaterialEstimate`] divides them into two: first the material
+//! and its colours, then the light. [`estimate_known_light`] uses a known light, [`combine`]
+//! combines several photographs, and [`estimate_regions`] estimates several materials under one
+//! light. The methods of the paper, which estimate basis coefficients, are in the crate
+//! `gonio-paper`.
 
 mod chromatic_light;
 mod colouring;
@@ -210,12 +210,60 @@ pub fn estimate_with_task<T: Send>(
     );
     let light = light?;
     progress(EstimateStage::Colours);
-    let tint = rows?.and_then(|rows| rows.under(&colouring, &light));
-    let colouring = match &tint {
-        Some(tint) => colouring.less_certain(&table, tint),
-        None => colouring,
-    };
-    Ok((Estimate { material, light, colouring, chromatic_light: tint }, made))
+    let chromatic_light = rows?.and_then(|rows| rows.under(&colouring, &light));
+    Ok((MaterialEstimate { material, colouring }.under(light, chromatic_light), made))
+}
+
+/// Material and colours of an object, before its light is estimated.
+#[derive(Clone, Debug)]
+pub struct MaterialEstimate {
+    /// Material of the object, in luminance.
+    pub material: Material,
+    /// Its colours. The intervals do not include the chroma residual of the light.
+    pub colouring: Colouring,
+}
+
+impl MaterialEstimate {
+    /// Estimates material and colours, as the first step of [`estimate`].
+    ///
+    /// # Errors
+    /// Those of [`estimate`].
+    pub fn of(model: &Model, observations: &Observations, settings: &EstimateSettings) -> Result<Self, EstimateError> {
+        settings.check(model)?;
+        let draft = MaterialDraft::of(model, observations, settings.side)?;
+        let colouring = draft.colouring(model, observations, &settings.colouring);
+        Ok(Self { material: draft.describe(), colouring })
+    }
+
+    /// Estimates the light, as the second step of [`estimate`]. A coarser grid takes less time.
+    ///
+    /// # Errors
+    /// Those of [`estimate`].
+    pub fn with_light(
+        &self,
+        model: &Model,
+        observations: &Observations,
+        settings: &EstimateSettings,
+        progress: &(dyn Fn(EstimateStage) + Sync),
+    ) -> Result<Estimate, EstimateError> {
+        settings.check(model)?;
+        let (table, colouring) = (&self.material.table, &self.colouring);
+        let light = Light::of(model, observations, table, settings, progress)?;
+        progress(EstimateStage::Colours);
+        let rows = Rows::of(&model.light, observations, table, colouring, settings.side)?;
+        let chromatic_light = rows.and_then(|rows| rows.under(colouring, &light));
+        Ok(self.clone().under(light, chromatic_light))
+    }
+
+    /// Adds a light. Its chroma residual widens the intervals of the colours.
+    fn under(self, light: Light, chromatic_light: Option<ChromaticLight>) -> Estimate {
+        let Self { material, colouring } = self;
+        let colouring = match &chromatic_light {
+            Some(tint) => colouring.less_certain(&material.table, tint),
+            None => colouring,
+        };
+        Estimate { material, light, colouring, chromatic_light }
+    }
 }
 
 /// # Errors

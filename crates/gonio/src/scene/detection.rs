@@ -1,5 +1,7 @@
 //! Detection of an object of known shape in an image, with its observations.
 
+use std::sync::Arc;
+
 use glam::{DVec3, Vec3};
 
 use super::ball_detection::detect_ball;
@@ -38,6 +40,7 @@ const INFLATED: f64 = 0.35;
 const FEW_OUTLIERS: f64 = 0.001;
 
 /// Positions of a surface pixel by pixel, in coordinates of the camera.
+#[derive(Clone)]
 pub struct PositionMap {
     /// Position of the surface behind each pixel.
     pub positions: Plane<Option<DVec3>>,
@@ -46,6 +49,7 @@ pub struct PositionMap {
 }
 
 /// Prior knowledge of an object's shape and position.
+#[derive(Clone)]
 pub enum Object {
     /// A distant ball with its outline; `None` detects the outline.
     Sphere(Option<Circle>),
@@ -63,6 +67,7 @@ pub enum Object {
 }
 
 /// A normal map with its camera and relief.
+#[derive(Clone)]
 pub struct NormalPicture {
     /// The normals, in camera space: x right, y up, z towards the camera; `ZERO` or not finite
     /// where there is no normal.
@@ -167,7 +172,7 @@ impl Detection {
                 let ball = find_ball(&coverage, &camera)?;
                 let looker = looker(Some(coverage));
                 looker.surface(
-                    PosedSurface { surface: Box::new(ball), camera, default_camera: false },
+                    PosedSurface { surface: Arc::new(ball), camera, default_camera: false },
                     DetectedShape::Ball(ball.centre()),
                 )?
             }
@@ -175,7 +180,7 @@ impl Detection {
                 let coverage = outlined(picture, mask.as_ref())?;
                 let ellipse = find_ellipse(&coverage)?;
                 let depth = given.unwrap_or((ellipse.axes.0 * ellipse.axes.1).sqrt());
-                let surface = Box::new(ellipse.with_depth(depth)?);
+                let surface = Arc::new(ellipse.with_depth(depth)?);
                 let camera = Camera::new(Projection::Orthographic { pixels_per_unit: 1.0 }, (0.0, 0.0), size)?;
                 let looker = looker(Some(coverage));
                 let mut detection = looker.surface(
@@ -414,7 +419,7 @@ impl Detector<'_> {
             places = Plane::from_vec(size.0, size.1, cut.collect());
         }
         let (mesh, soundness) = Mesh::of_positions(&places, DEPTH_STEP)?;
-        Ok((PosedSurface { surface: Box::new(Tracer::new(mesh)), camera, default_camera }, soundness))
+        Ok((PosedSurface { surface: Arc::new(Tracer::new(mesh)), camera, default_camera }, soundness))
     }
 
     fn detection(self, observations: Observations, found: DetectedShape) -> Detection {
@@ -522,7 +527,7 @@ mod tests {
         let size = (100, 100);
         let camera = Camera::new(Projection::Orthographic { pixels_per_unit: 30.0 }, (0.0, 0.0), size).unwrap();
         let of = |default_camera: bool| {
-            let surface = Box::new(Ellipsoid::sphere(DVec3::new(1.0, 0.0, -5.0), 1.0).unwrap());
+            let surface = Arc::new(Ellipsoid::sphere(DVec3::new(1.0, 0.0, -5.0), 1.0).unwrap());
             let object = Object::Surface(PosedSurface { surface, camera, default_camera });
             let mask = Plane::from_fn(100, 100, |x, y| if disk(30.0, 0.0)(x, y) { 1.0 } else { 0.0 });
             let picture = Picture { rgb: Plane::from_fn(100, 100, |_, _| Vec3::ONE), alpha: None };

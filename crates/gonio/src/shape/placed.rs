@@ -1,5 +1,7 @@
 //! Surfaces in front of a camera.
 
+use std::sync::Arc;
+
 use super::{Camera, CameraError, Mesh, MeshDefects, MeshError, Surface, Tracer, hit_at};
 use thiserror::Error;
 
@@ -7,9 +9,10 @@ use thiserror::Error;
 const MARGIN: f64 = 0.05;
 
 /// A surface in camera coordinates, with its camera.
+#[derive(Clone)]
 pub struct PosedSurface {
     /// The surface.
-    pub surface: Box<dyn Surface + Send>,
+    pub surface: Arc<dyn Surface + Send>,
     /// The camera.
     pub camera: Camera,
     /// Whether the camera is the default one because none was given.
@@ -46,7 +49,7 @@ impl PosedSurface {
                 Camera::framing(centre, radius, size, MARGIN)?
             }
         };
-        let surface = Box::new(Tracer::new(mesh.transformed(&camera.to_world.inverse())?));
+        let surface = Arc::new(Tracer::new(mesh.transformed(&camera.to_world.inverse())?));
         let placed = Self { surface, camera, default_camera };
         if placed.is_seen() { Ok(placed) } else { Err(PoseError::Unseen) }
     }

@@ -18,6 +18,9 @@ use gonio_io::material::{
 use gonio_io::picture::encode_exr_in;
 use gonio_io::result::{self, ExportDocument, ExportEntry};
 use gonio_io::{Error, merl, rgl};
+use rayon::prelude::*;
+use serde::Serialize;
+use serde_json::Value;
 
 use crate::results::{LIGHT, LIGHT_ROWS, document_in};
 use crate::spaces::{from_rec709, merl_from_rec709, merl_to_rec709};
@@ -95,6 +98,11 @@ impl Target {
         matches!(self, Self::Mitsuba | Self::Blender | Self::Gltf | Self::Mtlx)
     }
 
+    /// Whether the target is a model that is fitted to the BRDF.
+    pub fn is_fitted(self) -> bool {
+        !matches!(self, Self::Merl | Self::MerlGrey | Self::Bsdf)
+    }
+
     /// Returns the target with a name.
     pub fn named(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|target| target.names().0 == name)
@@ -122,7 +130,16 @@ pub struct Export {
     pub absolute: bool,
     /// Also write the table of each fitted model, to compare it with the BRDF.
     pub with_tables: bool,
+    /// Draws from the posterior of the BRDF, from which the intervals of fitted parameters are
+    /// computed; without draws, there are no intervals.
+    pub draws: Vec<[BivariateTable; 3]>,
 }
+
+/// Default number of [`Export::draws`].
+pub const DRAWS: usize = 16;
+
+/// Quantiles of the fits to draws that are the ends of an interval.
+const INTERVAL: [f64; 2] = [0.05, 0.95];
 
 impl Export {
     /// Writes the targets and `export.json` into a folder, which the caller commits, and returns
@@ -138,7 +155,7 @@ impl Export {
         input: &str,
         progress: &dyn Fn(f64),
     ) -> Result<Option<ExportDocument>, Error> {
-        let Self { name, mut tables, full_table: whole, light, space, albedo, absolute, with_tables } = self;
+        let Self { name, mut tables, full_table: whole, light, space, albedo, absolute, with_tables, draws } = self;
         let measured = BivariateTable::luminance(&tables).normal_albedo();
         if !(measured > 0.0 && measured.is_finite()) {
             return Ok(None);
@@ -153,6 +170,7 @@ impl Export {
             tables = tables.map(|table| table.scaled(scale));
             fitter = fitter.scaled(scale);
         }
+        let draws = draws.into_par_iter().map(|draw| fitter.of_draw(&draw.map(|table| table.scaled(scale)))).collect();
         let found = light.is_some();
         let mut writer = Writer {
             folder,
@@ -161,6 +179,7 @@ impl Export {
             light: light
                 .map_or_else(|| studio_light(LIGHT_ROWS), |light| times(&light, Vec3::splat(1.0 / scale as f32))),
             fitter,
+            draws,
             layered: None,
             tables,
             whole: whole.filter(|_| scale == 1.0),
@@ -231,13 +250,53 @@ fn pretty(value: &impl serde::Serialize) -> String {
     serde_json::to_string_pretty(value).expect("names and numbers are JSON")
 }
 
+/// Returns the 90 % interval of each number in equally structured documents; null without
+/// documents.
+fn intervals(drawn: &[Value]) -> Value {
+    match drawn.first() {
+        Some(Value::Object(first)) => {
+            let of = |name: &String| drawn.iter().map(|document| document[name].clone()).collect::<Vec<_>>();
+            Value::Object(first.keys().map(|name| (name.clone(), intervals(&of(name)))).collect())
+        }
+        Some(Value::Array(first)) => {
+            let of = |at: usize| drawn.iter().map(|document| document[at].clone()).collect::<Vec<_>>();
+            Value::Array((0..first.len()).map(|at| intervals(&of(at))).collect())
+        }
+        Some(Value::Number(_)) => {
+            let mut numbers: Vec<f64> = drawn.iter().filter_map(Value::as_f64).collect();
+            numbers.sort_by(f64::total_cmp);
+            serde_json::json!(INTERVAL.map(|share| quantile(&numbers, share)))
+        }
+        _ => Value::Null,
+    }
+}
+
+/// Returns a quantile of sorted numbers, linear between them.
+fn quantile(sorted: &[f64], share: f64) -> f64 {
+    let at = share * (sorted.len() - 1) as f64;
+    let (low, high) = (sorted[at.floor() as usize], sorted[at.ceil() as usize]);
+    low + at.fract() * (high - low)
+}
+
+/// Returns the comment of a fit: its error, and the interval of the roughness.
+fn note_of<S>((fitted, intervals): &(Fitted<S>, Value)) -> String {
+    let roughness = &intervals["roughness"];
+    let note = fit_note(fitted.relight);
+    match (roughness[0].as_f64(), roughness[1].as_f64()) {
+        (Some(low), Some(high)) => format!("{note}; 90 % interval of the roughness: {low:.2} to {high:.2}"),
+        _ => note,
+    }
+}
+
 /// Writer of the targets.
 struct Writer<'a> {
     folder: &'a StagedFolder,
     name: String,
     fitter: Fitter,
-    /// Fit that several targets share; computed on first use.
-    layered: Option<Fitted<Layered>>,
+    /// Fitters of the draws from the posterior.
+    draws: Vec<Fitter>,
+    /// Fit and intervals that several targets share; computed on first use.
+    layered: Option<(Fitted<Layered>, Value)>,
     tables: [BivariateTable; 3],
     /// BRDF with its dependence on the third angle, if it is exported unscaled.
     whole: Option<MerlTable>,
@@ -291,43 +350,43 @@ impl Writer<'_> {
                 Ok(())
             }
             Target::Mitsuba => {
-                let fitted = self.fitter.fit::<Principled>();
-                let text = mitsuba_principled(&self.name, &fitted.model, Place::File, &fit_note(fitted.relight));
-                self.model(target, PRINCIPLED, text.as_bytes(), &fitted, "alpha = roughness^2")
+                let fitted = self.fit::<Principled>();
+                let text = mitsuba_principled(&self.name, &fitted.0.model, Place::File, &note_of(&fitted));
+                self.model(target, PRINCIPLED, text.as_bytes(), fitted, "alpha = roughness^2")
             }
             Target::Blender => {
                 let fitted = self.layered();
-                let text = blender_scene(&self.name, &fitted.model, LIGHT, self.stops(), &fit_note(fitted.relight));
+                let text = blender_scene(&self.name, &fitted.0.model, LIGHT, self.stops(), &note_of(&fitted));
                 let note = "Blender 4.0 or later; alpha = Roughness^2; the same fit as mtlx";
-                self.model(target, "blender.py", text.as_bytes(), &fitted, note)
+                self.model(target, "blender.py", text.as_bytes(), fitted, note)
             }
             Target::Gltf => {
-                let fitted = self.fitter.fit::<MetallicRoughness>();
-                let bytes = glb_sphere(&self.name, &fitted.model, &fit_note(fitted.relight));
+                let fitted = self.fit::<MetallicRoughness>();
+                let bytes = glb_sphere(&self.name, &fitted.0.model, &note_of(&fitted));
                 self.model(
                     target,
                     "sphere.glb",
                     &bytes,
-                    &fitted,
+                    fitted,
                     "alpha = roughnessFactor^2; index, tint and coat in the extensions KHR_materials_ior, _specular and _clearcoat",
                 )
             }
             Target::Mtlx => {
                 let fitted = self.layered();
-                let text = materialx(&self.name, &fitted.model, &fit_note(fitted.relight));
-                self.model(target, "openpbr.mtlx", text.as_bytes(), &fitted, "OpenPBR; alpha = specular_roughness^2")
+                let text = materialx(&self.name, &fitted.0.model, &note_of(&fitted));
+                self.model(target, "openpbr.mtlx", text.as_bytes(), fitted, "OpenPBR; alpha = specular_roughness^2")
             }
             Target::CookTorrance => {
-                let fitted = self.fitter.fit::<ColourCookTorrance>();
+                let fitted = self.fit::<ColourCookTorrance>();
                 let note = "f = diffuse/pi + specular D F G / (pi cos_i cos_o); Beckmann of slope m = roughness, not squared; Schlick's F; V-grooves";
-                let text = pretty(&fitted.model);
-                self.model(target, "cook_torrance.json", text.as_bytes(), &fitted, note)
+                let text = pretty(&fitted.0.model);
+                self.model(target, "cook_torrance.json", text.as_bytes(), fitted, note)
             }
             Target::Ward => {
-                let fitted = self.fitter.fit::<ColourWard>();
+                let fitted = self.fit::<ColourWard>();
                 let note = "f = diffuse/pi + specular exp(-tan^2/alpha^2) / (4 pi alpha^2 sqrt(cos_i cos_o)); alpha = roughness, not squared";
-                let text = pretty(&fitted.model);
-                self.model(target, "ward.json", text.as_bytes(), &fitted, note)
+                let text = pretty(&fitted.0.model);
+                self.model(target, "ward.json", text.as_bytes(), fitted, note)
             }
         }
     }
@@ -363,9 +422,19 @@ impl Writer<'_> {
         f64::from(Exposure::by_quantile(&sphere.rgb, covered, 0.97, 0.9).0.log2())
     }
 
-    /// Returns the OpenPBR fit; computes it on the first call.
-    fn layered(&mut self) -> Fitted<Layered> {
-        self.layered.get_or_insert_with(|| self.fitter.fit()).clone()
+    /// Fits a model; also returns the intervals of its parameters, in the structure of the
+    /// parameters, or null without draws.
+    fn fit<S: Shading + Serialize>(&self) -> (Fitted<S>, Value) {
+        let fitted = self.fitter.fit::<S>();
+        let drawn: Vec<Value> = self.draws.par_iter().map(|draw| serde_json::json!(draw.refit(&fitted))).collect();
+        let intervals = intervals(&drawn);
+        (fitted, intervals)
+    }
+
+    /// Returns the OpenPBR fit and its intervals; computes them on the first call.
+    fn layered(&mut self) -> (Fitted<Layered>, Value) {
+        let layered = self.layered.take().unwrap_or_else(|| self.fit());
+        self.layered.insert(layered).clone()
     }
 
     /// Writes a table whose contents decode to `tables`.
@@ -388,19 +457,20 @@ impl Writer<'_> {
     }
 
     /// Writes the parameters of a fitted model.
-    fn model<S: Shading + serde::Serialize>(
+    fn model<S: Shading + Serialize>(
         &mut self,
         target: Target,
         file: &str,
         bytes: &[u8],
-        fitted: &Fitted<S>,
+        (fitted, intervals): (Fitted<S>, Value),
         note: &str,
     ) -> Result<(), Error> {
         self.folder.write(file, bytes)?;
         self.warnings.extend(poor_fit(fitted.relight).map(|problem| format!("{file}: {problem}")));
         let entry = ExportEntry {
             files: vec![file.to_owned()],
-            parameters: serde_json::to_value(&fitted.model).expect("parameters are JSON"),
+            parameters: serde_json::json!(fitted.model),
+            intervals,
             relight: fitted.relight,
             log_relight: fitted.log_relight,
             conventions: note.to_owned(),

@@ -6,10 +6,13 @@ use std::sync::LazyLock;
 use anyhow::{Result, bail};
 use clap::ValueEnum;
 use clap::builder::PossibleValue;
+use gonio::reflectance::BivariateTable;
 use gonio_app::Spaces;
-use gonio_app::export::{Export, Target, is_absolute, light_of_results};
+use gonio_app::draws;
+use gonio_app::export::{DRAWS, Export, Target, is_absolute, light_of_results};
 use gonio_app::folder::{EXPORT, for_exports};
 use gonio_app::results::{BRDF, brdf_in};
+use gonio_io::posterior::FILE;
 use gonio_io::result::ExportEntry;
 use serde_json::json;
 
@@ -42,6 +45,15 @@ pub(crate) struct ExportOptions {
     /// Also write each fitted model as a MERL table (.binary), to compare it with the BRDF
     #[arg(long)]
     tables: bool,
+    /// Compute intervals of fitted parameters from N draws from the posterior; 0 disables intervals
+    /// [default: 16]
+    ///
+    /// Only result folders of the learnt and known-light methods have a posterior.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=500))]
+    draws: Option<u32>,
+    /// Model file with which the results were inferred [default: the embedded model]
+    #[arg(long, value_name = "MODEL")]
+    model: Option<PathBuf>,
     #[command(flatten)]
     space: OutputSpace,
 }
@@ -97,9 +109,9 @@ pub(crate) fn run(options: &ExportOptions) -> Result<Outcome> {
     let table = input::brdf(&file)?;
     let light = if is_folder { light_of_results(&options.input).map_err(plain)? } else { None };
     let folder = for_exports(&output)?;
-    let targets: Vec<Target> =
-        if options.to.is_empty() { Target::ALL.to_vec() } else { options.to.iter().map(|name| name.0).collect() };
+    let targets = wanted(options);
     let colours = [0, 1, 2].map(|c| table.bivariate(c));
+    let (draws, undrawn) = drawn(options, is_folder)?;
     let export = Export {
         name,
         tables: colours.clone(),
@@ -109,6 +121,7 @@ pub(crate) fn run(options: &ExportOptions) -> Result<Outcome> {
         albedo: options.albedo,
         absolute: !is_folder || is_absolute(&options.input)?,
         with_tables: options.tables,
+        draws,
     };
     let stage = StageProgress::new("fitting models");
     let written = export.write(&folder, &targets, &options.input.display().to_string(), &|x| stage.report(x))?;
@@ -121,10 +134,16 @@ pub(crate) fn run(options: &ExportOptions) -> Result<Outcome> {
         .iter()
         .map(|w| w.worded(&words))
         .chain(summary.warnings.iter().cloned())
+        .chain(undrawn)
         .collect();
     folder.commit()?;
     let line = |(target, entry): (&String, &ExportEntry)| {
-        format!("{target:15} {:40} relight error {:.1} %\n", entry.files.join(", "), 100.0 * entry.relight)
+        let (found, ends) = (&entry.parameters["roughness"], &entry.intervals["roughness"]);
+        let roughness = match (found.as_f64(), ends[0].as_f64(), ends[1].as_f64()) {
+            (Some(found), Some(low), Some(high)) => format!(", roughness {found:.2} ({low:.2} to {high:.2})"),
+            _ => String::new(),
+        };
+        format!("{target:15} {:40} relight error {:.1} %{roughness}\n", entry.files.join(", "), 100.0 * entry.relight)
     };
     let lines: String = summary.exports.iter().map(line).collect();
     let output = output.display().to_string();
@@ -138,4 +157,28 @@ pub(crate) fn run(options: &ExportOptions) -> Result<Outcome> {
     let mut outcome = Outcome::new(format!("{lines}{albedo}{output}"), json!(summary)).warning(warnings);
     outcome.fields.insert("output".into(), json!(output));
     Ok(outcome)
+}
+
+/// Seed of the draws.
+const SEED: u64 = 0;
+
+/// Returns draws from the posterior of a folder of results, if it has one, or a warning if the
+/// posterior belongs to another model.
+fn drawn(options: &ExportOptions, is_folder: bool) -> Result<(Vec<[BivariateTable; 3]>, Option<String>)> {
+    let count = options.draws.map_or(DRAWS, |draws| draws as usize);
+    let is_fitted = wanted(options).into_iter().any(Target::is_fitted);
+    if count == 0 || !is_fitted || !is_folder || !options.input.join(FILE).is_file() {
+        return Ok((Vec::new(), None));
+    }
+    let (model, name) = input::model(options.model.as_deref())?;
+    match draws::of_result(&options.input, (&model, &name), count, SEED) {
+        Ok(draws) => Ok((draws, None)),
+        Err(error) if options.draws.is_some() || options.model.is_some() => Err(plain(error)),
+        Err(error) => Ok((Vec::new(), Some(format!("{}; the parameters have no intervals", plain(error))))),
+    }
+}
+
+/// Returns the targets of the options.
+fn wanted(options: &ExportOptions) -> Vec<Target> {
+    if options.to.is_empty() { Target::ALL.to_vec() } else { options.to.iter().map(|name| name.0).collect() }
 }

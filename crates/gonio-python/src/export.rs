@@ -25,7 +25,7 @@ pub(crate) fn export_targets() -> Vec<(&'static str, &'static str)> {
 /// Writes the files for renderers to a folder; returns the contents of its `export.json`.
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "called from one place, which names them")]
-#[pyo3(signature = (folder, table, full, light, to, name, albedo, absolute, tables, colorspace, input, listeners))]
+#[pyo3(signature = (folder, table, full, light, to, name, albedo, absolute, tables, draws, colorspace, input, listeners))]
 pub(crate) fn export(
     py: Python<'_>,
     folder: PathBuf,
@@ -37,6 +37,7 @@ pub(crate) fn export(
     albedo: Option<f64>,
     absolute: bool,
     tables: bool,
+    draws: Vec<Bound<'_, PyArray3<f32>>>,
     colorspace: String,
     input: String,
     listeners: Listeners,
@@ -58,7 +59,9 @@ pub(crate) fn export(
     // The package has checked the name.
     let space = ColourSpace::named(&colorspace).unwrap_or_default();
     let tables_of = arrays::tables(table)?;
-    let export = Export { name, tables: tables_of, full_table, light, space, albedo, absolute, with_tables: tables };
+    let draws = draws.iter().map(arrays::tables).collect::<PyResult<Vec<_>>>()?;
+    let export =
+        Export { name, tables: tables_of, full_table, light, space, albedo, absolute, with_tables: tables, draws };
     work::run(py, listeners, move |reporter| {
         let folder = for_exports(&folder)?;
         let written = export.write(&folder, &targets, &input, &|x| reporter.at("fitting models", x))?;

@@ -100,6 +100,17 @@ def test_exports_all_targets_of_the_program(found, tmp_path):
     assert gonio.read_merl(tmp_path / "some" / "brdf.binary").albedo == pytest.approx(0.3, rel=1e-3)
     with pytest.raises(gonio.GonioError, match='to "word": must be among merl, '):
         found.export(tmp_path / "wrong", "word")
+
+
+def test_fitted_parameters_have_intervals(found, tmp_path):
+    entry = found.export(tmp_path / "with", ["mitsuba", "merl"], draws=8)["exports"]
+    low, high = entry["mitsuba"]["intervals"]["roughness"]
+    assert 0 <= low < high <= 1 and "intervals" not in entry["merl"]
+    assert len(entry["mitsuba"]["intervals"]["base_color"]) == 3
+    assert "intervals" not in found.export(tmp_path / "without", "mitsuba", draws=0)["exports"]["mitsuba"]
+    assert "intervals" not in found.brdf.export(tmp_path / "plain", "mitsuba")["exports"]["mitsuba"]
+    with pytest.raises(gonio.GonioError, match="shape"):
+        found.brdf.export(tmp_path / "wrong", "mitsuba", draws=np.ones((2, 90)))
     assert not (tmp_path / "wrong").exists()
 
 

@@ -71,7 +71,8 @@ ELSEWHERE = {
     # Posterior.relight has draws and seed.
     "render": {"draws": None, "seed": None, "model": None, "mesh": "shape", "no-shadows": "shadows", "height": "size", "output": None},
     "combine": {"output": None},
-    "export": {"output": "directory"},
+    # Posterior.export has the number of draws; the model is that of the posterior.
+    "export": {"output": "directory", "model": None},
 }
 GENERAL = {"json", "quiet", "verbose", "threads", "help"}
 

@@ -47,6 +47,7 @@ fn json_output_is_one_object() {
     assert!(found["warnings"].is_array());
     let exported = object("export out --to ward --json", 0);
     assert!(exported["exports"]["ward"]["relight"].is_number());
+    assert_eq!(exported["exports"]["ward"]["intervals"]["diffuse"].as_array().map(Vec::len), Some(3));
     assert_eq!(object("convert out/brdf.npz x.bsdf --json", 0)["output"], "x.bsdf");
     assert_eq!(object("infer none.exr -o x --json", 2)["error"].as_str().unwrap().split(':').next(), Some("none.exr"));
     assert!(object("--json render --nonsense", 2)["error"].as_str().unwrap().contains("--nonsense"));

@@ -101,3 +101,19 @@ fn warns_about_half_a_ball() {
     let warnings = bench.json("out/result.json")["warnings"].to_string();
     assert!(warnings.contains("gonio interpolated"), "{warnings}");
 }
+
+#[test]
+fn exported_parameters_have_intervals() {
+    let bench = Bench::with_ball();
+    bench.run("infer ball.exr -o out --grid 8 --no-report").succeeds();
+    let printed = bench.run("export out -o fitted --to mtlx,merl").succeeds().stdout;
+    let entries = &bench.json("fitted/export.json")["exports"];
+    let ends = [0, 1].map(|end| entries["mtlx"]["intervals"]["roughness"][end].as_f64().unwrap());
+    assert!(0.0 <= ends[0] && ends[0] < ends[1] && ends[1] <= 1.0, "{ends:?}");
+    assert!(printed.contains(&format!("({:.2} to {:.2})", ends[0], ends[1])), "{printed}");
+    let file = String::from_utf8(bench.read("fitted/openpbr.mtlx")).unwrap();
+    assert!(file.contains(&format!("interval of the roughness: {:.2} to {:.2}", ends[0], ends[1])), "{file}");
+    assert!(entries["merl"]["intervals"].is_null());
+    bench.run("export out -o plain --to mtlx --draws 0").succeeds();
+    assert!(bench.json("plain/export.json")["exports"]["mtlx"]["intervals"].is_null());
+}

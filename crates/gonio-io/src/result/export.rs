@@ -44,6 +44,10 @@ pub struct ExportEntry {
     /// Parameters of the fitted model.
     #[serde(skip_serializing_if = "serde_json::Value::is_null")]
     pub parameters: serde_json::Value,
+    /// The 90 % interval of each parameter, in the structure of `parameters`: the fits of the model
+    /// to draws from the posterior. Absent if the input has no posterior.
+    #[serde(skip_serializing_if = "serde_json::Value::is_null")]
+    pub intervals: serde_json::Value,
     /// Relative RMS error of a sphere rendered with the export in a studio light, compared with the
     /// BRDF.
     #[serde(deserialize_with = "number_or_nan")]

@@ -217,6 +217,7 @@ class Brdf:
         name: str | None = None,
         albedo: float | Literal["fit"] | None = None,
         tables: bool = False,
+        draws: ArrayLike | None = None,
         light: Picture | None = None,
         output_colorspace: str = "rec709",
         progress: Progress | None = None,
@@ -237,6 +238,10 @@ class Brdf:
             photograph that does not determine the albedo.
         tables : bool, default False
             Also write the table of each fitted model.
+        draws : array_like, optional
+            Draws from the posterior of the BRDF, shape (n, 90, 90, 3), such as
+            ``found.draw(16, rgb=True, errors=True)``. With draws, the summary contains the 90 %
+            interval of each fitted parameter.
         light : path or array, optional
             Light of the exported scenes, a lat-long map; a studio light by default.
         output_colorspace : str, default "rec709"
@@ -269,6 +274,7 @@ class Brdf:
         scale = None if albedo is None or albedo == "fit" else positive(albedo, "albedo")
         lit = None if light is None else light_map(light)
         written = space(output_colorspace, "output_colorspace")
+        given = [] if draws is None else [Brdf(table).table for table in np.asarray(draws)]
         document = _gonio.export(
             os.fspath(directory),
             self.table,
@@ -279,6 +285,7 @@ class Brdf:
             scale,
             albedo != "fit",
             flag(tables, "tables"),
+            given,
             written,
             self.name,
             listeners,

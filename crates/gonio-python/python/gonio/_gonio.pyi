@@ -118,6 +118,7 @@ def export(
     albedo: float | None,
     absolute: bool,
     tables: bool,
+    draws: list[_Floats],
     colorspace: str,
     input: str,
     listeners: Listeners,

@@ -127,6 +127,7 @@ class Result:
         name: str | None = None,
         albedo: float | None = None,
         tables: bool = False,
+        draws: int = 16,
         output_colorspace: str = "rec709",
         progress: Callable[[str, float], object] | None = None,
     ) -> dict[str, Any]:
@@ -138,6 +139,9 @@ class Result:
         ----------
         directory, to, name, albedo, tables, output_colorspace, progress
             See :meth:`Brdf.export`.
+        draws : int, default 16
+            Number of draws from the posterior, from which the intervals of fitted parameters are
+            computed; 0 disables intervals. Results without a posterior have no intervals.
 
         Returns
         -------
@@ -156,10 +160,15 @@ class Result:
             name=name,
             albedo=albedo,
             tables=tables,
+            draws=self._drawn(integer(draws, "draws")),
             light=self._lit(),
             output_colorspace=output_colorspace,
             progress=progress,
         )
+
+    def _drawn(self, count: int) -> Floats | None:
+        """Returns draws in colour, if there is a posterior."""
+        return None
 
     def to_mitsuba(self, plugin: str = "measured") -> Any:
         """Create a Mitsuba 3 BSDF: :meth:`Brdf.to_mitsuba` of :attr:`brdf`.
@@ -300,6 +309,9 @@ class Material(Result):
         scale = self._scale()
         drawn = drawn if scale == 1.0 else drawn * np.float32(scale)
         return self._coloured(drawn) if flag(rgb, "rgb") else drawn
+
+    def _drawn(self, count: int) -> Floats | None:
+        return self.draw(count, rgb=True, errors=True) if count > 0 else None
 
     def relight(
         self,

@@ -62,6 +62,8 @@ pub struct Fitted<S> {
     pub relight: f64,
     /// Root mean square difference of the logarithms, with one percent of the mean added to both.
     pub log_relight: f64,
+    /// Parameters of the model, in the order of [`Shading::PARAMETERS`].
+    parameters: Vec<f64>,
 }
 
 /// Table to fit, and the sphere by which fits are compared.
@@ -88,6 +90,14 @@ struct Sample {
 impl Fitter {
     /// Prepares the fit of linear RGB tables in 1/sr.
     pub fn new(tables: &[BivariateTable; 3]) -> Self {
+        let points = Lattice::new().points(DQuat::IDENTITY);
+        let settings = IntegratorSettings { tolerance: 0.5, max_cells: 8000 };
+        let relighters = Relighter::of_channels(&points, tables, &LightTree::of_map(&studio_light(64)), &settings);
+        let sketch = Sketch::new(&relighters);
+        Self::on_sphere(Arc::new(relighters), Arc::new(sketch), tables)
+    }
+
+    fn on_sphere(relighters: Arc<[Relighter; 3]>, sketch: Arc<Sketch>, tables: &[BivariateTable; 3]) -> Self {
         let at = |h: f64, d: f64| DVec3::from_array(tables.each_ref().map(|t| t.eval(h, d)));
         let mut samples = Vec::new();
         for i in (0..THETA_H).step_by(STEP_H) {
@@ -107,13 +117,16 @@ impl Fitter {
         for sample in &mut samples {
             sample.logs = logs(sample.logs * sample.wi.z, floor);
         }
-        let points = Lattice::new().points(DQuat::IDENTITY);
-        let settings = IntegratorSettings { tolerance: 0.5, max_cells: 8000 };
-        let relighters = Relighter::of_channels(&points, tables, &LightTree::of_map(&studio_light(64)), &settings);
-        let picture = picture(&relighters, tables);
-        let (sketch, sketched) = Sketch::new(&relighters, tables);
-        let (samples, relighters, sketch) = (Arc::new(samples), Arc::new(relighters), Arc::new(sketch));
-        Self { samples, relighters, sketch, floor, body, highlight, picture, sketched }
+        let (picture, sketched) = (picture(&relighters, tables), sketch.target(tables));
+        Self { samples: Arc::new(samples), relighters, sketch, floor, body, highlight, picture, sketched }
+    }
+
+    /// Returns a fitter of other tables with the same sphere. The tables are draws from a posterior
+    /// whose estimate is the table of this fitter: the sphere resolves their highlights if they are
+    /// not much sharper.
+    #[must_use]
+    pub fn of_draw(&self, tables: &[BivariateTable; 3]) -> Self {
+        Self::on_sphere(self.relighters.clone(), self.sketch.clone(), tables)
     }
 
     /// Returns the fitter of the table multiplied by a factor.
@@ -172,11 +185,22 @@ impl Fitter {
         }
         // The sketch does not resolve very sharp lobes, so the exact errors decide. Later fits have
         // fewer parameters.
-        let mut judged: Vec<Fitted<S>> = found.par_iter().map(|parameters| self.judge(S::of(parameters))).collect();
+        let mut judged: Vec<Fitted<S>> = found.into_par_iter().map(|parameters| self.judge(parameters)).collect();
         let error = |fitted: &Fitted<S>| criterion((fitted.relight, fitted.log_relight));
         let least = judged.iter().map(error).fold(f64::INFINITY, f64::min);
         let simplest = judged.iter().rposition(|fitted| error(fitted) <= HARDLY.0 * least + HARDLY.1);
         judged.swap_remove(simplest.unwrap_or(0))
+    }
+
+    /// Fits a model from the parameters of another fit. Optional parameters that the other fit left
+    /// out remain left out.
+    pub fn refit<S: Shading>(&self, near: &Fitted<S>) -> S {
+        let start = &near.parameters;
+        let is_out = |group: &&&[(usize, f64)]| group.iter().all(|(k, value)| start[*k] == *value);
+        let out: Vec<usize> =
+            S::OPTIONAL.iter().filter(is_out).flat_map(|group| group.iter().map(|(k, _)| *k)).collect();
+        let free: Vec<usize> = (0..S::PARAMETERS.len()).filter(|k| !out.contains(k)).collect();
+        S::of(&self.search::<S>(vec![start.clone()], &free, 1, 1).1)
     }
 
     /// Fits the `free` parameters of a model from the `promising` most promising starts. Returns
@@ -227,10 +251,11 @@ impl Fitter {
         (least, parameters)
     }
 
-    /// Computes the errors of a model.
-    pub fn judge<S: Shading>(&self, model: S) -> Fitted<S> {
+    /// Computes the errors of the model with these parameters.
+    fn judge<S: Shading>(&self, parameters: Vec<f64>) -> Fitted<S> {
+        let model = S::of(&parameters);
         let (relight, log_relight) = self.compare(&model.to_bivariate(FINE_AZIMUTHS));
-        Fitted { model, relight, log_relight }
+        Fitted { model, relight, log_relight, parameters }
     }
 
     /// Returns the mean over all channels of the picture.
@@ -339,6 +364,18 @@ mod tests {
         // A fit of the scaled table is the same as one of the table scaled before.
         let fitted = fitter.scaled(1.0 / brighter).fit::<Layered>();
         assert!(fitted.log_relight < 0.02 && (fitted.model.roughness - 0.3).abs() < 0.01, "{fitted:?}");
+    }
+
+    #[test]
+    fn recovers_the_parameters_of_draws() {
+        let parameters = |roughness: f64| [0.3, 0.2, 0.1, 0.0, roughness, 1.5, 1.0, 1.0, 1.0, 0.0, 0.02];
+        let tables = |roughness| Layered::of(&parameters(roughness)).to_bivariate(FINE_AZIMUTHS);
+        let fitter = Fitter::new(&tables(0.35));
+        let fitted = fitter.fit::<Layered>();
+        for roughness in [0.25, 0.35, 0.5] {
+            let got = fitter.of_draw(&tables(roughness)).refit(&fitted);
+            assert!((got.roughness - roughness).abs() < 0.02 && got.coat_weight == 0.0, "{roughness}: {got:?}");
+        }
     }
 
     #[test]

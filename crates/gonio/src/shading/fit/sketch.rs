@@ -32,11 +32,20 @@ pub(super) struct Sketch {
     matrix: [Vec<f32>; 3],
 }
 
+/// Returns the half angles at which a model is evaluated, in cells.
+fn along_h() -> Vec<usize> {
+    (0..THETA_H).step_by(STEP_H).chain([THETA_H - 1]).collect()
+}
+
+/// Iterates over the half and difference angles at which a model is evaluated, in radians.
+fn places() -> impl Iterator<Item = (f64, f64)> {
+    along_h().into_iter().flat_map(|h| ALONG_D.map(|d| (theta_h_of(h), theta_d_of(d))))
+}
+
 impl Sketch {
-    /// Builds the sketch from the matrices of the whole sphere and the table to fit. Also returns
-    /// the picture of the table.
-    pub(super) fn new(relighters: &[Relighter; 3], tables: &[BivariateTable; 3]) -> (Self, Vec<DVec3>) {
-        let along_h: Vec<usize> = (0..THETA_H).step_by(STEP_H).chain([THETA_H - 1]).collect();
+    /// Builds the sketch from the matrices of the whole sphere.
+    pub(super) fn new(relighters: &[Relighter; 3]) -> Self {
+        let along_h = along_h();
         let (in_h, in_d) = (shares(&along_h, THETA_H), shares(&ALONG_D, THETA_D));
         let count = along_h.len() * ALONG_D.len();
         // Microfacet models divide by both cosines, so their product with the cosines is smoother.
@@ -63,12 +72,13 @@ impl Sketch {
             }
             matrix
         });
-        let places = along_h.iter().flat_map(|&h| ALONG_D.map(|d| (theta_h_of(h), theta_d_of(d))));
-        let sketch = Self { cells: places.clone().map(|(h, d)| above(h, d)).collect(), matrix };
-        let values =
-            places.map(|(h, d)| DVec3::from_array(tables.each_ref().map(|t| t.eval(h, d)))).collect::<Vec<_>>();
-        let target = sketch.picture(&values);
-        (sketch, target)
+        Self { cells: places().map(|(h, d)| above(h, d)).collect(), matrix }
+    }
+
+    /// Returns the picture of the tables to fit.
+    pub(super) fn target(&self, tables: &[BivariateTable; 3]) -> Vec<DVec3> {
+        let value = |(h, d)| DVec3::from_array(tables.each_ref().map(|table| table.eval(h, d)));
+        self.picture(&places().map(value).collect::<Vec<_>>())
     }
 
     /// Returns the picture of a model.
@@ -133,7 +143,8 @@ mod tests {
         let settings = IntegratorSettings { tolerance: 0.5, max_cells: 8000 };
         let points = Lattice::new().points(DQuat::IDENTITY);
         let relighters = Relighter::of_channels(&points, &tables, &LightTree::of_map(&studio_light(32)), &settings);
-        let (sketch, target) = Sketch::new(&relighters, &tables);
+        let sketch = Sketch::new(&relighters);
+        let target = sketch.target(&tables);
         let drawn = sketch.picture(&sketch.values(|wi, wo| model.eval(wi, wo)));
         let exact: Vec<f64> = relighters[1].render(&tables[1]).into_iter().step_by(POINTS).collect();
         let all: f64 = exact.iter().map(|e| e * e).sum();

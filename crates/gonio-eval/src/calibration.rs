@@ -34,9 +34,9 @@ const HALF_WIDTHS: [f64; 2] = [2.353, 0.765];
 /// there.
 const DARK: f64 = 1e-3;
 
-/// Options of `gonio-eval calibration`.
+/// CalibrationOptions of `gonio-eval calibration`.
 #[derive(clap::Args)]
-pub(crate) struct Options {
+pub(crate) struct CalibrationOptions {
     /// Lights of the photographs
     #[arg(
         long,
@@ -100,7 +100,7 @@ const CELL_STEP: usize = 7;
 
 const GROUPS: [&str; 3] = ["measured_extra", "rgl", "formulas"];
 
-pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
+pub(crate) fn run(data: &Path, options: &CalibrationOptions) -> Result<()> {
     let model = gonio_io::model::embedded()?;
     let subjects: Vec<Subject> =
         subjects(data)?.into_iter().skip(options.first).step_by(options.every as usize).collect();

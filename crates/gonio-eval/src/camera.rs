@@ -19,15 +19,15 @@ use gonio::simulation::{LightKind, PhotographEffects, SceneRenderer, generator};
 use gonio_io::cache::Cache;
 use rayon::prelude::*;
 
-use crate::bench::{ACCURACY, Progress, Protocol, Stage};
+use crate::bench::{ACCURACY, Progress, Protocol, TestSphere};
 use crate::data::Lights;
 use crate::materials::Materials;
 use crate::metrics::{Gloss, coverage, mean, median, relight};
 use crate::posteriors::{Effort, load_or_train};
 
-/// Options of `gonio-eval camera`.
+/// CameraOptions of `gonio-eval camera`.
 #[derive(clap::Args)]
-pub(crate) struct Options {
+pub(crate) struct CameraOptions {
     /// Folder of the MERL database [default: DATA/merl]
     #[arg(long)]
     merl: Option<PathBuf>,
@@ -70,7 +70,7 @@ struct Errors {
     coverage: Option<[f64; 2]>,
 }
 
-pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
+pub(crate) fn run(data: &Path, options: &CameraOptions) -> Result<()> {
     let materials = Materials::open(data, options.merl.as_deref())?;
     let cache = Cache::user().context("no cache folder; set GONIO_CACHE_DIR")?;
     let luminance = |at: usize| (materials.names[at].clone(), materials.luminance(at));
@@ -116,15 +116,15 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
 /// Ground truth that estimates are compared with.
 struct Judge<'a> {
     subjects: &'a [BivariateTable],
-    stage: Stage,
+    stage: TestSphere,
     /// Name, relighting operator and true pictures of the subjects for each light that estimates
     /// are relit in.
     relit: Vec<(String, Relighter, Vec<Vec<f64>>)>,
 }
 
 impl<'a> Judge<'a> {
-    fn new(options: &Options, lights: &Lights, subjects: &'a [BivariateTable]) -> Result<Self> {
-        let stage = Stage::new(64);
+    fn new(options: &CameraOptions, lights: &Lights, subjects: &'a [BivariateTable]) -> Result<Self> {
+        let stage = TestSphere::new(64);
         let relit = |name: &String| {
             let relighter = Relighter::new(&stage.points, subjects, &lights.tree(name)?, &ACCURACY);
             let truths = subjects.iter().map(|table| stage.counted(&relighter.render(table))).collect();

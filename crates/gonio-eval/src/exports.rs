@@ -12,7 +12,7 @@ use crate::metrics::median;
 
 /// Errors of the exports of measured materials.
 #[derive(clap::Args)]
-pub(crate) struct Options {
+pub(crate) struct ExportsOptions {
     /// Interval of the materials, counted from the third.
     #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u16).range(1..))]
     every: u16,
@@ -24,7 +24,7 @@ const MODELS: [&str; 4] = ["OpenPBR, Blender", "Mitsuba `principled`", "glTF", "
 /// Errors of a model: relight and log relight.
 type Errors = (f64, f64);
 
-pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
+pub(crate) fn run(data: &Path, options: &ExportsOptions) -> Result<()> {
     let materials = Materials::open(data, None)?;
     println!("| material | albedo | {} |", MODELS.join(" | "));
     println!("|---|---|{}", "---|".repeat(MODELS.len()));

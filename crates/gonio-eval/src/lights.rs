@@ -28,9 +28,9 @@ use crate::materials::Materials;
 use crate::metrics::{mean, median};
 use crate::posteriors::{ball, on_disk};
 
-/// Options of `gonio-eval lights`.
+/// LightsOptions of `gonio-eval lights`.
 #[derive(clap::Args)]
-pub(crate) struct Options {
+pub(crate) struct LightsOptions {
     /// Folder for `lights.csv`, one line for each estimated light
     #[arg(short, long)]
     out: PathBuf,
@@ -77,7 +77,7 @@ struct Distance {
     log_correlation: f64,
 }
 
-pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
+pub(crate) fn run(data: &Path, options: &LightsOptions) -> Result<()> {
     let all = Materials::open(data, options.merl.as_deref())?;
     let materials = evenly(training(&all), usize::from(options.materials))?;
     let lights = Lights::training(data)?;

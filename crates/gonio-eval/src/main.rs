@@ -13,8 +13,9 @@ mod folds;
 mod lights;
 mod materials;
 mod metrics;
+mod multi_view;
+mod out_of_domain;
 mod outlines;
-mod outside;
 mod paper;
 mod posteriors;
 mod prior;
@@ -23,7 +24,6 @@ mod scales;
 mod shapes;
 mod silhouettes;
 mod tints;
-mod together;
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -44,42 +44,42 @@ struct Args {
 #[derive(Subcommand)]
 enum Command {
     /// Every figure and table of the paper, as one HTML file.
-    Paper(paper::Options),
+    Paper(paper::PaperOptions),
     /// Convergence of the transfer's quadrature against a brute-force reference.
     Quadrature,
     /// Compares methods of estimating the light given the BRDF, on training lights and materials.
-    Lights(lights::Options),
+    Lights(lights::LightsOptions),
     /// Compares methods of colouring a BRDF, on test materials in test lights.
-    Colour(colour::Options),
+    Colour(colour::ColourOptions),
     /// Measures the coverage of intervals on photographs of new materials in training lights.
-    Calibration(calibration::Options),
+    Calibration(calibration::CalibrationOptions),
     /// Measures how the colour of training lights varies over their directions.
     Tints,
     /// Measures errors on shapes other than a sphere, with and without modelling self-shadowing.
-    Shapes(shapes::Options),
+    Shapes(shapes::ShapesOptions),
     /// Measures errors of estimates whose shape is inflated from the outline.
-    Silhouettes(silhouettes::Options),
+    Silhouettes(silhouettes::SilhouettesOptions),
     /// Evaluates the default method on photographs of real objects, against their measured BRDF and
     /// their photographs in other lights.
-    Captured(captured::Options),
+    Captured(captured::CapturedOptions),
     /// Compares estimators and references over a grid of materials and lights.
-    Bench(Box<bench::Options>),
+    Bench(Box<bench::BenchOptions>),
     /// Measures the error that each camera effect adds to the learnt posterior, on test materials
     /// in test lights.
-    Camera(camera::Options),
+    Camera(camera::CameraOptions),
     /// Evaluates the prior of materials on materials that it was not built from.
-    Prior(prior::Options),
+    Prior(prior::PriorOptions),
     /// Measures the detection of balls in simulated photographs.
-    Outlines(outlines::Options),
+    Outlines(outlines::OutlinesOptions),
     /// Measures errors of the models of renderers that `gonio export` fits to measured materials.
-    Exports(exports::Options),
+    Exports(exports::ExportsOptions),
     /// Cross-validates the learnt posterior on training materials in training lights.
-    Folds(folds::Options),
+    Folds(folds::FoldsOptions),
     /// Measures errors of estimates from several photographs of one material, and from several
     /// materials under one light.
-    Together(together::Options),
+    MultiView(multi_view::MultiViewOptions),
     /// Measures the error of the absolute albedo from a neutral reference in the picture.
-    Scales(scales::Options),
+    Scales(scales::ScalesOptions),
     /// Merges the output folders of `bench --shard` jobs into one report.
     Merge(bench::MergeOptions),
 }
@@ -103,7 +103,7 @@ fn main() -> ExitCode {
         Command::Exports(options) => exports::run(&data, &options),
         Command::Folds(options) => folds::run(&data, &options),
         Command::Prior(options) => prior::run(&data, &options),
-        Command::Together(options) => together::run(&data, &options),
+        Command::MultiView(options) => multi_view::run(&data, &options),
         Command::Scales(options) => scales::run(&data, &options),
         Command::Merge(options) => bench::merge(&options),
     };

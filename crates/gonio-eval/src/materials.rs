@@ -10,11 +10,11 @@ use gonio::reflectance::parametric::full_table;
 use gonio::reflectance::{BivariateTable, MerlTable};
 use rayon::prelude::*;
 
-use crate::outside::{self, Formula};
+use crate::out_of_domain::{self, Formula};
 
 /// A database of materials in the order of their file names: a folder of `.binary` files of the
-/// MERL database, or of bivariate tables, or both. [Materials of other kinds](outside) follow the
-/// database on request.
+/// MERL database, or of bivariate tables, or both. [Materials of other kinds](out_of_domain) follow
+/// the database on request.
 pub(crate) struct Materials {
     /// Names in the order of the files `NAME.binary` in a listing of the database (`chrome-steel`
     /// before `chrome`), then those outside of the database.
@@ -99,12 +99,12 @@ impl Materials {
 
     /// Adds the materials outside of the database: the files of `DATA/rgl`, if there are any, and
     /// the formulas.
-    pub(crate) fn with_outside(mut self, data: &Path) -> Result<Self> {
-        for (name, path) in outside::rgl_files(&data.join("rgl"))? {
+    pub(crate) fn with_out_of_domain(mut self, data: &Path) -> Result<Self> {
+        for (name, path) in out_of_domain::rgl_files(&data.join("rgl"))? {
             let table = gonio_io::rgl::read(&path)?.to_merl();
             self.add(name, [0, 1, 2].map(|c| table.bivariate(c)), Origin::Rgl(path))?;
         }
-        for (name, formula) in outside::formulas() {
+        for (name, formula) in out_of_domain::formulas() {
             let table = formula.to_bivariate();
             self.add(name.to_owned(), [table.clone(), table.clone(), table], Origin::Formula(formula))?;
         }
@@ -165,13 +165,13 @@ impl Materials {
                 }
             }
             Origin::Rgl(path) => {
-                hasher.update(format!("rgl {}", outside::VERSION).as_bytes());
+                hasher.update(format!("rgl {}", out_of_domain::VERSION).as_bytes());
                 hash_file(&mut hasher, path)?;
             }
             // Hashes the parameters, not the values: processors round differently, and shards from
             // several machines are merged.
             Origin::Formula(formula) => {
-                hasher.update(format!("formula {} {formula:?}", outside::VERSION).as_bytes());
+                hasher.update(format!("formula {} {formula:?}", out_of_domain::VERSION).as_bytes());
             }
         }
         Ok(hasher.finalize().to_hex().to_string())
@@ -183,7 +183,7 @@ impl Materials {
     }
 
     /// The materials outside of the database.
-    pub(crate) fn outside(&self) -> Range<usize> {
+    pub(crate) fn out_of_domain(&self) -> Range<usize> {
         self.database..self.names.len()
     }
 
@@ -238,12 +238,12 @@ mod tests {
     fn materials_outside_come_after_the_database() {
         let dir = database(&["brass", "zinc"]);
         let materials = Materials::open(dir.path(), None).unwrap();
-        assert!(materials.outside().is_empty());
-        let materials = materials.with_outside(dir.path()).unwrap();
+        assert!(materials.out_of_domain().is_empty());
+        let materials = materials.with_out_of_domain(dir.path()).unwrap();
         assert_eq!(materials.database(), 0..2);
-        assert_eq!(materials.outside().len(), outside::formulas().len());
+        assert_eq!(materials.out_of_domain().len(), out_of_domain::formulas().len());
         let plaster = materials.index("plaster").unwrap();
-        assert_eq!(materials.outside().start, plaster);
+        assert_eq!(materials.out_of_domain().start, plaster);
         assert_eq!(materials.source(plaster), Source::Full);
         assert_eq!(materials.source(0), Source::Bivariate);
         let reduced = materials.full(plaster).unwrap().bivariate(1);
@@ -253,6 +253,6 @@ mod tests {
         // A file that is not a measurement is an error.
         std::fs::create_dir(dir.path().join("rgl")).unwrap();
         std::fs::write(dir.path().join("rgl/paint_rgb.bsdf"), "paint").unwrap();
-        assert!(Materials::open(dir.path(), None).unwrap().with_outside(dir.path()).is_err());
+        assert!(Materials::open(dir.path(), None).unwrap().with_out_of_domain(dir.path()).is_err());
     }
 }

@@ -31,9 +31,9 @@ const BALL_SIDE: usize = 288;
 /// Number of samples along each side of a pixel.
 const SAMPLES: usize = 4;
 
-/// Options of `gonio-eval outlines`.
+/// OutlinesOptions of `gonio-eval outlines`.
 #[derive(clap::Args)]
-pub(crate) struct Options {
+pub(crate) struct OutlinesOptions {
     /// Number of photographs
     #[arg(long, default_value_t = 200)]
     balls: u64,
@@ -48,9 +48,9 @@ pub(crate) struct Options {
     failures: Option<PathBuf>,
 }
 
-pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
+pub(crate) fn run(data: &Path, options: &OutlinesOptions) -> Result<()> {
     let lights = if options.test { Lights::open(data)? } else { Lights::training(data)? };
-    let materials = Materials::open(data, None)?.with_outside(data)?;
+    let materials = Materials::open(data, None)?.with_out_of_domain(data)?;
     let (mut errors, mut ratios, mut refused, mut missed) = (Vec::new(), Vec::new(), 0, 0);
     println!("| photograph | true circle | error (pixels) | standard error (pixels) |");
     println!("|---|---|---|---|");

@@ -29,9 +29,9 @@ const VALUE_FLOOR: f64 = 1e-5;
 /// Number of draws in a tested interval: those that resemble a material best.
 const NEIGHBOURS: usize = 150;
 
-/// Options of `gonio-eval prior`.
+/// PriorOptions of `gonio-eval prior`.
 #[derive(clap::Args)]
-pub(crate) struct Options {
+pub(crate) struct PriorOptions {
     /// Build the prior also from the 41 extra measurements, instead of testing with them
     #[arg(long)]
     extra: bool,
@@ -49,7 +49,7 @@ pub(crate) struct Options {
     without_paints: bool,
 }
 
-pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
+pub(crate) fn run(data: &Path, options: &PriorOptions) -> Result<()> {
     let luminances = |folder: &str| -> Result<Vec<(String, BivariateTable)>> {
         let set = gonio_io::bivariate::read_bivariate_set(data.join(folder))?;
         let table = |(name, rgb): (String, [BivariateTable; 3])| {
@@ -67,12 +67,12 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
         groups.push(("left-out reconstructed measurements", extra.into_iter().map(|(_, table)| table).collect()));
     }
     let mut real = Vec::new();
-    for (_, rgb) in crate::outside::rgl_tables(&data.join("rgl"))? {
+    for (_, rgb) in crate::out_of_domain::rgl_tables(&data.join("rgl"))? {
         real.push(BivariateTable::luminance(&rgb));
         real.extend(rgb);
     }
     groups.push(("RGL files, luminance and channels", real));
-    groups.push(("formulas", crate::outside::formulas().iter().map(|(_, f)| f.to_bivariate()).collect()));
+    groups.push(("formulas", crate::out_of_domain::formulas().iter().map(|(_, f)| f.to_bivariate()).collect()));
     let mut prior = Prior { fields: options.fields, ..Prior::default() };
     if options.without_paints {
         let kinds: Vec<MaterialKind> =

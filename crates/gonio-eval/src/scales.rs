@@ -15,14 +15,14 @@ use gonio::sphere::OctahedralMap;
 
 use crate::data::Lights;
 use crate::metrics::{mean, median};
-use crate::together::photograph;
+use crate::multi_view::photograph;
 
 /// Rows to which a light map is reduced, and texels along a side of the grid of its irradiance.
 const GRID: (usize, usize) = (512, 128);
 
-/// Options of `gonio-eval scales`.
+/// ScalesOptions of `gonio-eval scales`.
 #[derive(clap::Args)]
-pub(crate) struct Options {
+pub(crate) struct ScalesOptions {
     /// Model to use instead of the embedded one
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
@@ -35,7 +35,7 @@ pub(crate) struct Options {
     lights: Vec<String>,
 }
 
-pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
+pub(crate) fn run(data: &Path, options: &ScalesOptions) -> Result<()> {
     let model = match &options.model {
         Some(path) => gonio_io::model::read_model(path)?,
         None => gonio_io::model::embedded()?,
@@ -75,10 +75,10 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
 
 /// Materials outside of the MERL database, in luminance.
 fn materials(data: &Path) -> Result<Vec<(String, BivariateTable)>> {
-    let measured = crate::outside::rgl_tables(&data.join("rgl"))?;
+    let measured = crate::out_of_domain::rgl_tables(&data.join("rgl"))?;
     let mut materials: Vec<(String, BivariateTable)> =
         measured.into_iter().map(|(name, rgb)| (name, BivariateTable::luminance(&rgb))).collect();
-    let formulas = crate::outside::formulas();
+    let formulas = crate::out_of_domain::formulas();
     materials.extend(formulas.into_iter().map(|(name, formula)| (name.to_owned(), formula.to_bivariate())));
     Ok(materials)
 }

@@ -21,15 +21,15 @@ use gonio::shape::{Camera, Ellipsoid, Form, GeometryBuffer, Surface, Tracer, hit
 use gonio::transfer::TransferSettings;
 use gonio_io::cache::Cache;
 
-use crate::bench::{ACCURACY, Progress, Protocol, Stage, add_noise};
+use crate::bench::{ACCURACY, Progress, Protocol, TestSphere, add_noise};
 use crate::data::Lights;
 use crate::materials::Materials;
 use crate::metrics::{brdf_error, median};
 use crate::posteriors::{Learning, load_or_train};
 
-/// Options of `gonio-eval shapes`.
+/// ShapesOptions of `gonio-eval shapes`.
 #[derive(clap::Args)]
-pub(crate) struct Options {
+pub(crate) struct ShapesOptions {
     /// Folder for `shapes.csv`, one line for each estimate
     #[arg(short, long)]
     out: PathBuf,
@@ -98,7 +98,7 @@ fn pose(name: &str, size: usize) -> Result<Posed> {
     Ok(Posed { surface: Box::new(Tracer::new(mesh.transformed(&camera.to_world.inverse())?)), camera })
 }
 
-pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
+pub(crate) fn run(data: &Path, options: &ShapesOptions) -> Result<()> {
     let materials = Materials::open(data, options.merl.as_deref())?;
     let cache = Cache::user().context("no cache folder; set GONIO_CACHE_DIR")?;
     let learnt = Protocol::LeaveOut.training(&materials);
@@ -117,7 +117,7 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
         })
         .collect();
     let tables: Vec<BivariateTable> = subjects.iter().map(|(_, table)| table.clone()).collect();
-    let stage = Stage::new(64);
+    let stage = TestSphere::new(64);
     let relit: Vec<Relighter> = options
         .relit
         .iter()
@@ -144,7 +144,7 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
 struct Study<'a> {
     learnt: &'a LearntPosterior,
     prior: &'a LightPrior,
-    stage: &'a Stage,
+    stage: &'a TestSphere,
     relit: &'a [Relighter],
     subjects: &'a [(String, BivariateTable)],
 }

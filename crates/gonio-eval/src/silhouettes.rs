@@ -22,14 +22,14 @@ use gonio::simulation::generator;
 use rand::{Rng, RngExt};
 use rand_distr::{Distribution, StandardNormal};
 
-use crate::bench::{ACCURACY, Progress, Stage};
+use crate::bench::{ACCURACY, Progress, TestSphere};
 use crate::data::Lights;
 use crate::materials::Materials;
 use crate::metrics::{coverage, mean, median};
 
-/// Options of `gonio-eval silhouettes`.
+/// SilhouettesOptions of `gonio-eval silhouettes`.
 #[derive(clap::Args)]
-pub(crate) struct Options {
+pub(crate) struct SilhouettesOptions {
     /// Folder for `silhouettes.csv`, one line for each estimate
     #[arg(short, long)]
     out: PathBuf,
@@ -201,15 +201,15 @@ pub(crate) fn estimate_detected(model: &Model, picture: &Picture, detection: &mu
     Ok(found)
 }
 
-pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
-    let materials = Materials::open(data, None)?.with_outside(data)?;
+pub(crate) fn run(data: &Path, options: &SilhouettesOptions) -> Result<()> {
+    let materials = Materials::open(data, None)?.with_out_of_domain(data)?;
     let lights = if options.training { Lights::training(data)? } else { Lights::open(data)? };
     let relit_lights = Lights::open(data)?;
     let model = match &options.model {
         Some(path) => gonio_io::model::read_model(path)?,
         None => gonio_io::model::embedded()?,
     };
-    let range = if options.training { materials.database() } else { materials.outside() };
+    let range = if options.training { materials.database() } else { materials.out_of_domain() };
     let subjects: Vec<(String, BivariateTable)> = range
         .step_by(usize::from(options.every))
         .map(|at| {
@@ -219,7 +219,7 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
         })
         .collect();
     let tables: Vec<BivariateTable> = subjects.iter().map(|(_, table)| table.clone()).collect();
-    let stage = Stage::new(64);
+    let stage = TestSphere::new(64);
     let relit: Vec<Relighter> = options
         .relit
         .iter()

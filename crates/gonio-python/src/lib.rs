@@ -7,13 +7,13 @@
 //! (`work`). Arrays are passed without copies (`arrays`).
 
 mod arrays;
+mod check;
 mod compare;
 mod error;
 mod export;
 mod files;
 mod infer;
 mod likelihood;
-mod look;
 mod model;
 mod probe;
 mod render;
@@ -27,6 +27,8 @@ use pyo3::prelude::*;
 #[pymodule]
 mod _gonio {
     #[pymodule_export]
+    use super::check::{check, merge};
+    #[pymodule_export]
     use super::compare::compare;
     #[pymodule_export]
     use super::export::{export, export_targets};
@@ -39,8 +41,6 @@ mod _gonio {
     use super::infer::{infer, infer_regions};
     #[pymodule_export]
     use super::likelihood::{Likelihood, combine_all, draw};
-    #[pymodule_export]
-    use super::look::{check, merge};
     #[pymodule_export]
     use super::model::Model;
     #[pymodule_export]

@@ -100,7 +100,7 @@ pub(crate) enum Estimator {
     KnownLight,
     /// The same posterior given a map of the light rotated by five degrees; it estimates the
     /// rotation.
-    KnownLightTurned,
+    KnownLightRotated,
     /// The separable posterior in the basis given the true light: an oracle.
     KnownLightBasis,
     /// Joint maximum over light and reflectance.
@@ -122,7 +122,7 @@ impl Estimator {
             Self::NearestMaterial => "nearest-material",
             Self::TrueBivariate => "true-bivariate",
             Self::KnownLight => "known-light",
-            Self::KnownLightTurned => "known-light-turned",
+            Self::KnownLightRotated => "known-light-rotated",
             Self::KnownLightBasis => "known-light-basis",
             Self::JointMap => "joint-map",
             Self::Learnt => "learnt",
@@ -139,7 +139,7 @@ impl Estimator {
             Self::NearestMaterial => "nearest training material (oracle)",
             Self::TrueBivariate => "true bivariate table (floor)",
             Self::KnownLight => "known light (oracle)",
-            Self::KnownLightTurned => "known light, map turned by 5 degrees (oracle)",
+            Self::KnownLightRotated => "known light, map turned by 5 degrees (oracle)",
             Self::KnownLightBasis => "known light, ten functions (oracle)",
             Self::JointMap => "joint MAP",
             Self::Learnt => "learnt posterior",
@@ -150,7 +150,7 @@ impl Estimator {
 
     /// Whether the estimator uses ground truth that a photograph does not contain.
     pub(crate) fn is_oracle(self) -> bool {
-        let lit = matches!(self, Self::KnownLight | Self::KnownLightTurned | Self::KnownLightBasis);
+        let lit = matches!(self, Self::KnownLight | Self::KnownLightRotated | Self::KnownLightBasis);
         lit || matches!(self, Self::NearestMaterial | Self::TrueBivariate)
     }
 
@@ -161,7 +161,7 @@ impl Estimator {
 
     /// Whether the estimator estimates colours; the others are shown in the median colour.
     pub(crate) fn finds_colours(self) -> bool {
-        matches!(self, Self::TrueBivariate | Self::KnownLight | Self::KnownLightTurned | Self::Learnt)
+        matches!(self, Self::TrueBivariate | Self::KnownLight | Self::KnownLightRotated | Self::Learnt)
     }
 
     /// Estimators compared by default.
@@ -208,7 +208,7 @@ impl Estimator {
             }
             Self::Learnt => return learnt_posterior(photograph),
             Self::KnownLight => return known_light(photograph, false),
-            Self::KnownLightTurned => return known_light(photograph, true),
+            Self::KnownLightRotated => return known_light(photograph, true),
             Self::KnownLightBasis => {
                 let known = Projected::under_known_light(under_true_light, basis.len(), image);
                 let problem = Problem::with_known_light(&known, &basis.rates, hyper)?;

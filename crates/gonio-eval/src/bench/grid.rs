@@ -18,7 +18,7 @@ pub(crate) enum Protocol {
     LeaveOut,
     /// All materials, tested on others: measurements from another laboratory and formulas of other
     /// families.
-    Outside,
+    OutOfDomain,
 }
 
 impl Protocol {
@@ -27,7 +27,7 @@ impl Protocol {
         match self {
             Self::All => "all",
             Self::LeaveOut => "leave-out",
-            Self::Outside => "outside",
+            Self::OutOfDomain => "out-of-domain",
         }
     }
 
@@ -36,7 +36,7 @@ impl Protocol {
         match self {
             Self::All => "(a) all materials in the basis",
             Self::LeaveOut => "(b) leave-out: tested materials unseen",
-            Self::Outside => "(c) outside: materials of other kinds than the training set",
+            Self::OutOfDomain => "(c) out of domain: materials of other kinds than the training set",
         }
     }
 
@@ -45,14 +45,14 @@ impl Protocol {
         match self {
             Self::All => materials.database().collect(),
             Self::LeaveOut => materials.held_out(),
-            Self::Outside => materials.outside().collect(),
+            Self::OutOfDomain => materials.out_of_domain().collect(),
         }
     }
 
     /// The first protocol with the same training materials; both share the models learnt from them.
     pub(crate) fn learns_as(self) -> Self {
         match self {
-            Self::All | Self::Outside => Self::All,
+            Self::All | Self::OutOfDomain => Self::All,
             Self::LeaveOut => Self::LeaveOut,
         }
     }

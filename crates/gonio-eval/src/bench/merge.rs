@@ -7,7 +7,7 @@ use anyhow::{Result, bail};
 use super::report;
 use super::store::Store;
 
-/// Options of `gonio-eval merge`.
+/// BenchOptions of `gonio-eval merge`.
 #[derive(clap::Args)]
 pub(crate) struct MergeOptions {
     /// Output folders of `gonio-eval bench --shard`

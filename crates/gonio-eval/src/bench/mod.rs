@@ -4,9 +4,9 @@
 //! each thread estimates from one photograph at a time. Both halves store finished work: renders in
 //! the cache, cells in the folder of the run.
 
+mod errors;
 mod estimators;
 mod grid;
-mod judge;
 mod learning;
 mod merge;
 mod options;
@@ -14,16 +14,16 @@ mod progress;
 mod renders;
 mod report;
 mod run;
-mod stage;
 mod store;
 mod summary;
+mod test_sphere;
 
 pub(crate) use grid::Protocol;
 pub(crate) use merge::{MergeOptions, merge};
-pub(crate) use options::Options;
+pub(crate) use options::BenchOptions;
 pub(crate) use progress::Progress;
 #[cfg(test)]
 pub(crate) use renders::white;
 pub(crate) use renders::{ACCURACY, DRAFT, add_noise};
 pub(crate) use run::bench;
-pub(crate) use stage::Stage;
+pub(crate) use test_sphere::TestSphere;

@@ -1,4 +1,4 @@
-//! Options of a run, and the grid that they select.
+//! BenchOptions of a run, and the grid that they select.
 
 use std::path::{Path, PathBuf};
 
@@ -15,10 +15,10 @@ use crate::data::Lights;
 use crate::materials::Materials;
 use crate::posteriors::Effort;
 
-/// Options of `gonio-eval bench`.
+/// BenchOptions of `gonio-eval bench`.
 #[derive(clap::Args)]
 #[command(args_override_self = true)]
-pub(crate) struct Options {
+pub(crate) struct BenchOptions {
     /// Output folder; an unfinished run in it is resumed
     #[arg(short, long)]
     pub(crate) output: PathBuf,
@@ -145,7 +145,7 @@ pub(crate) struct Grid {
     pub(crate) estimators: Vec<Estimator>,
 }
 
-impl Options {
+impl BenchOptions {
     fn protocols(&self) -> Vec<Protocol> {
         match (self.protocols.is_empty(), self.quick) {
             (false, _) => self.protocols.clone(),
@@ -157,7 +157,11 @@ impl Options {
     /// Opens the materials that the protocols need.
     pub(crate) fn open_materials(&self, data: &Path) -> Result<Materials> {
         let materials = Materials::open(data, self.merl.as_deref())?;
-        if self.protocols().contains(&Protocol::Outside) { materials.with_outside(data) } else { Ok(materials) }
+        if self.protocols().contains(&Protocol::OutOfDomain) {
+            materials.with_out_of_domain(data)
+        } else {
+            Ok(materials)
+        }
     }
 
     /// Builds the grid and checks all names and ranges.
@@ -166,7 +170,7 @@ impl Options {
         let tested = if !self.materials.is_empty() {
             self.materials.iter().map(|name| materials.index(name)).collect::<Result<_>>()?
         } else if self.quick {
-            materials.held_out().into_iter().chain(materials.outside()).collect()
+            materials.held_out().into_iter().chain(materials.out_of_domain()).collect()
         } else {
             (0..materials.names.len()).collect()
         };

@@ -19,16 +19,16 @@ use gonio::scene::{ObservationSettings, sphere_points};
 use gonio::shape::SurfacePoint;
 use gonio_io::cache::Cache;
 
+use super::errors::{GroundTruth, encoded};
 use super::estimators::{Estimator, Lit, Photograph};
 use super::grid::{Protocol, Unit, relight_lights, units};
-use super::judge::{GroundTruth, encoded};
 use super::learning::{LearntModels, MaterialSpace};
-use super::options::Options;
+use super::options::BenchOptions;
 use super::progress::Progress;
 use super::renders::{self, Render};
 use super::report;
-use super::stage::Stage;
 use super::store::{Conditions, Store};
+use super::test_sphere::TestSphere;
 use crate::data::Lights;
 use crate::materials::{Materials, Source};
 use crate::metrics::luminances;
@@ -37,7 +37,7 @@ use crate::metrics::luminances;
 const CACHE_BUDGET: u64 = 8 << 30;
 
 /// Runs the benchmark and writes its report.
-pub(crate) fn bench(data: &Path, options: &Options) -> Result<()> {
+pub(crate) fn bench(data: &Path, options: &BenchOptions) -> Result<()> {
     let (materials, lights) = (options.open_materials(data)?, Lights::open(data)?);
     let grid = options.grid(&materials, &lights)?;
     let conditions = options.conditions(&lights.names())?;
@@ -56,7 +56,7 @@ pub(crate) fn bench(data: &Path, options: &Options) -> Result<()> {
     let cache =
         Cache::user().context("no cache folder for the renders; set GONIO_CACHE_DIR")?.with_budget(CACHE_BUDGET);
     let fingerprints = Fingerprints::of(&materials, &lights, &units, &conditions)?;
-    let (points, stage) = (sphere_points(&observation), Stage::new(conditions.size));
+    let (points, stage) = (sphere_points(&observation), TestSphere::new(conditions.size));
     let prior = match &options.prior {
         Some(path) => Some(gonio_io::model::read_lighting(path)?.0),
         None if paper => Some(gonio_io::model::lighting_of_paper()?),
@@ -116,7 +116,7 @@ struct Bench {
     /// Training lights of the learnt posterior, if it is among the estimators.
     training: Option<Lights>,
     points: Vec<SurfacePoint>,
-    stage: Stage,
+    stage: TestSphere,
     /// For each pixel of the stage, the index of the observed point that it shows.
     shown: Vec<usize>,
     conditions: Conditions,
@@ -147,13 +147,13 @@ impl Bench {
     }
 
     fn is_outside(&self, unit: &Unit) -> bool {
-        self.materials.outside().contains(&unit.material)
+        self.materials.out_of_domain().contains(&unit.material)
     }
 
     /// Luminance tables for which relighting must be accurate. Tables outside of the database are
     /// included only if one of them is tested, so that the other cells do not depend on them.
     fn examples(&self, outside: bool) -> Vec<BivariateTable> {
-        let last = if outside { self.materials.outside().end } else { self.materials.database().end };
+        let last = if outside { self.materials.out_of_domain().end } else { self.materials.database().end };
         (0..last).map(|m| self.materials.luminance(m)).collect()
     }
 
@@ -194,7 +194,7 @@ impl Bench {
 
     fn estimate(&self, work: &[Work], threads: usize) -> Result<()> {
         let start = Instant::now();
-        let is_lit = |e: &Estimator| matches!(e, Estimator::KnownLight | Estimator::KnownLightTurned);
+        let is_lit = |e: &Estimator| matches!(e, Estimator::KnownLight | Estimator::KnownLightRotated);
         let known_light = work.iter().flat_map(|(_, open)| open).any(|(e, _)| is_lit(e));
         let mut knowledge: BTreeMap<Protocol, LearntModels> = BTreeMap::new();
         for protocol in work.iter().map(|(u, _)| u.protocol.learns_as()).collect::<BTreeSet<_>>() {

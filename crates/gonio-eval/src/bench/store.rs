@@ -10,9 +10,9 @@ use gonio_paper::PlanSettings;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
+use super::errors::{Record, Records, file};
 use super::estimators::Estimator;
 use super::grid::Protocol;
-use super::judge::{Record, Records, file};
 use super::options::Separable;
 use crate::posteriors::Learning;
 

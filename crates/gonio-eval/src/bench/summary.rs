@@ -4,9 +4,9 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
+use super::errors::{Record, Records};
 use super::estimators::Estimator;
 use super::grid::Protocol;
-use super::judge::{Record, Records};
 use crate::metrics::{Class, Interval, mean, median, median_interval, spearman, win_rate};
 
 /// Statistics of one protocol.
@@ -73,7 +73,7 @@ pub(crate) struct Group {
 
 /// Summarises each protocol that has cells.
 pub(crate) fn summaries(records: &Records) -> Vec<Summary> {
-    [Protocol::LeaveOut, Protocol::All, Protocol::Outside].into_iter().filter_map(|p| summary(records, p)).collect()
+    [Protocol::LeaveOut, Protocol::All, Protocol::OutOfDomain].into_iter().filter_map(|p| summary(records, p)).collect()
 }
 
 fn summary(records: &Records, protocol: Protocol) -> Option<Summary> {

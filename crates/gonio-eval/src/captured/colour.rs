@@ -6,7 +6,7 @@ use gonio::estimate::Colouring;
 use gonio::reflectance::BivariateTable;
 use serde::Serialize;
 
-use super::judge::WITHIN;
+use super::errors::WITHIN;
 use super::object::Captured;
 use crate::metrics::{mean, relight};
 

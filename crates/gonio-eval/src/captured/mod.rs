@@ -10,13 +10,13 @@
 //! third is the profile of that slice, the best function of `theta_h` alone.
 
 mod colour;
-mod judge;
+mod errors;
+mod multi_view;
 mod object;
 mod page;
 #[cfg(test)]
 mod planted;
 mod report;
-mod several;
 mod slice;
 mod study;
 
@@ -27,9 +27,9 @@ use anyhow::{Context, Result, bail};
 pub(crate) use object::{Captured, reflected};
 pub(crate) use slice::Cell;
 
-/// Options of `gonio-eval captured`.
+/// CapturedOptions of `gonio-eval captured`.
 #[derive(clap::Args)]
-pub(crate) struct Options {
+pub(crate) struct CapturedOptions {
     /// Model to use instead of the embedded one
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
@@ -47,7 +47,7 @@ pub(crate) struct Options {
     out: Option<PathBuf>,
 }
 
-pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
+pub(crate) fn run(data: &Path, options: &CapturedOptions) -> Result<()> {
     let folders = if options.objects.is_empty() {
         object::folders(data)?
     } else {
@@ -81,7 +81,7 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
         gonio_io::atomic::write_file(out.join("captured.json"), &serde_json::to_vec_pretty(&records)?)?;
         gonio_io::atomic::write_file(out.join("captured.html"), page::page(&sections).as_bytes())?;
     }
-    print!("{}\n{}", report::markdown(&records), several::markdown(&together));
+    print!("{}\n{}", report::markdown(&records), multi_view::markdown(&together));
     if !refused.is_empty() {
         bail!("no estimate from {} of the photographs:\n{}", refused.len(), refused.join("\n"));
     }

@@ -5,7 +5,7 @@ use gonio::picture::{Plane, luminance};
 use gonio_report::page::{Section, document, figure};
 use maud::{Markup, html};
 
-use super::judge::{self, Reflectance};
+use super::errors::{self, Reflectance};
 use super::object::Captured;
 use super::study::EvaluatedEstimate;
 use crate::paper::show;
@@ -63,7 +63,7 @@ fn card(object: &Captured, seen: usize, answer: &EvaluatedEstimate) -> Markup {
         ("measured slice", &|h, d| object.slice.eval(h, d)),
     ];
     for (name, f) in answers {
-        let (sent, error) = judge::prediction(object, other, f);
+        let (sent, error) = errors::prediction(object, other, f);
         let picture = show::scaled(&grey(&sent.map(|p| p.as_vec3())), error.scale);
         let alt = format!("{} under {}, predicted by the {name}", object.name, to.name);
         let label = format!("{name}: {:.2}, log {:.2}", error.relative, error.log);

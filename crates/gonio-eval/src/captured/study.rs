@@ -12,9 +12,9 @@ use gonio::scene::{Detection, NormalPicture, Object, ObservationSettings};
 use serde::Serialize;
 
 use super::colour::RgbErrors;
-use super::judge::{self, Reflectance};
+use super::errors::{self, Reflectance};
+use super::multi_view::{self, MultiViewErrors};
 use super::object::{Captured, map_of};
-use super::several::{self, MultiViewErrors};
 use super::slice::Cell;
 use crate::metrics::{Relight, mean};
 use crate::silhouettes::estimate_detected;
@@ -42,7 +42,7 @@ pub(super) struct Record {
     pub(super) measured: Errors,
     /// Errors of the measured slice averaged over the difference angle.
     pub(super) profile: Errors,
-    /// [`judge::gloss`] of the measurement.
+    /// [`errors::gloss`] of the measurement.
     pub(super) gloss_measured: f64,
     /// Gloss of the estimate.
     pub(super) gloss_estimate: f64,
@@ -99,7 +99,7 @@ struct ReferenceErrors {
 
 impl ReferenceErrors {
     fn of(object: &Captured, cells: &[Cell], f: Reflectance<'_>) -> Self {
-        Self { slice: judge::slice_error(cells, f), predictions: judge::predictions(object, f) }
+        Self { slice: errors::slice_error(cells, f), predictions: errors::predictions(object, f) }
     }
 
     /// Returns the errors averaged over all photographs other than `seen`.
@@ -167,7 +167,7 @@ impl<'a> ObjectEvaluation<'a> {
     fn record(&self, seen: usize, found: &ObjectEstimate, seconds: f64) -> Result<Record> {
         let ObjectEstimate { material, misfit, diagnostics, colouring, median } = found;
         let (object, cells, table) = (self.object, &self.cells, &material.table);
-        let quantiles = several::quantiles(material)?;
+        let quantiles = multi_view::quantiles(material)?;
         Ok(Record {
             object: object.name.clone(),
             photograph: object.photographs[seen].name.clone(),
@@ -175,10 +175,10 @@ impl<'a> ObjectEvaluation<'a> {
             lambert: self.lambert.without(seen),
             measured: self.measured.without(seen),
             profile: self.profile.without(seen),
-            gloss_measured: judge::measured_gloss(object, cells),
-            gloss_estimate: judge::gloss(cells, &|h, d| table.eval(h, d)),
+            gloss_measured: errors::measured_gloss(object, cells),
+            gloss_estimate: errors::gloss(cells, &|h, d| table.eval(h, d)),
             gloss: gloss_quantiles(material, cells),
-            coverage: judge::coverage(cells, table, &quantiles),
+            coverage: errors::coverage(cells, table, &quantiles),
             rgb: RgbErrors::of(object, seen, (table, colouring, median)),
             misfit: *misfit,
             warnings: diagnostics.iter().map(ToString::to_string).collect(),
@@ -225,9 +225,9 @@ fn estimate(object: &Captured, seen: usize, model: &Model, given: EstimateInputs
     Ok(ObjectEstimate { material, misfit: light.misfit, diagnostics, colouring, median })
 }
 
-/// Computes the 5, 50 and 95 % quantiles of [`judge::gloss`] under the posterior.
+/// Computes the 5, 50 and 95 % quantiles of [`errors::gloss`] under the posterior.
 fn gloss_quantiles(material: &Material, cells: &[Cell]) -> [f64; 3] {
-    let number = |table: &BivariateTable| judge::gloss(cells, &|h, d| table.eval(h, d));
+    let number = |table: &BivariateTable| errors::gloss(cells, &|h, d| table.eval(h, d));
     let quantiles = material.posterior.ranking(number).quantiles(&[0.05, 0.5, 0.95]);
     [quantiles[0], quantiles[1], quantiles[2]]
 }

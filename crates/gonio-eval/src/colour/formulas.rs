@@ -4,7 +4,7 @@
 use gonio::reflectance::BivariateTable;
 use gonio::reflectance::parametric::Parametric;
 
-use crate::outside::{Coated, Lobes, Metal, OrenNayar, Plastic};
+use crate::out_of_domain::{Coated, Lobes, Metal, OrenNayar, Plastic};
 
 /// Returns all coloured formulas with their names.
 pub(super) fn coloured() -> Vec<(&'static str, [BivariateTable; 3])> {

@@ -27,14 +27,14 @@ use gonio_io::cache::Cache;
 use crate::bench::{DRAFT, Progress};
 use crate::data::Lights;
 use crate::metrics::{luminances, mean, median, relight, relight_rgb};
-use crate::outside;
+use crate::out_of_domain;
 use crate::posteriors;
 use estimators::Found;
 pub(crate) use estimators::{ColourEstimator, Photograph};
 
-/// Options of `gonio-eval colour`.
+/// ColourOptions of `gonio-eval colour`.
 #[derive(clap::Args)]
-pub(crate) struct Options {
+pub(crate) struct ColourOptions {
     /// Folder for `colour.csv`, one line for each estimate
     #[arg(short, long)]
     out: PathBuf,
@@ -94,7 +94,7 @@ struct Record {
     warned: bool,
 }
 
-pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
+pub(crate) fn run(data: &Path, options: &ColourOptions) -> Result<()> {
     let mut model = gonio_io::model::embedded()?;
     let colours = learn(data, &model, options.stride)?;
     if let Some(learnt) = model.learnt.as_mut() {
@@ -179,7 +179,7 @@ pub(crate) fn subjects(data: &Path) -> Result<Vec<Subject>> {
             subjects.push(Subject { group: "measured_extra", name, rgb });
         }
     }
-    let real = outside::rgl_tables(&data.join("rgl"))?;
+    let real = out_of_domain::rgl_tables(&data.join("rgl"))?;
     subjects.extend(real.into_iter().map(|(name, rgb)| Subject { group: "rgl", name, rgb }));
     for (name, rgb) in formulas::coloured() {
         subjects.push(Subject { group: "formulas", name: name.to_owned(), rgb });

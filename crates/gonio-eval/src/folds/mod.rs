@@ -44,7 +44,7 @@ const CLEAN: PhotographEffects = PhotographEffects { radius: 128.0, ..Photograph
 
 /// Cross-validation of the learnt posterior on training materials and lights.
 #[derive(Args)]
-pub(crate) struct Options {
+pub(crate) struct FoldsOptions {
     /// Number of folds that the materials, and likewise the lights, are divided into.
     #[arg(long, default_value_t = 4)]
     folds: usize,
@@ -89,7 +89,7 @@ struct Outcome {
     left: Option<LightMisfit>,
 }
 
-pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
+pub(crate) fn run(data: &Path, options: &FoldsOptions) -> Result<()> {
     if options.folds < 2 {
         bail!("--folds must be at least 2");
     }
@@ -129,11 +129,11 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
     Ok(())
 }
 
-fn kept(options: &Options) -> Prior {
+fn kept(options: &FoldsOptions) -> Prior {
     Prior::of(&MaterialKind::ALL.into_iter().filter(|kind| !options.without.contains(kind)).collect::<Vec<_>>())
 }
 
-fn learning(options: &Options) -> Learning {
+fn learning(options: &FoldsOptions) -> Learning {
     let mut learning = options.effort.learning();
     let prior = kept(options);
     learning.stock.prior = prior;
@@ -156,7 +156,7 @@ struct Test {
 
 impl Test {
     fn new(
-        options: &Options,
+        options: &FoldsOptions,
         fold: usize,
         unseen: Vec<(String, BivariateTable)>,
         known: Vec<(String, BivariateTable)>,

@@ -2,14 +2,14 @@
 
 use maud::{Markup, html};
 
+use super::context::{LIGHTS, Material, NOVEL, PaperContext};
 use super::recovery::{Estimate, Recovered};
 use super::show;
-use super::workshop::{LIGHTS, Material, NOVEL, PaperContext};
 use crate::metrics;
 use gonio_report::page::{figure, table};
 
-pub(super) fn section(workshop: &PaperContext, recovered: &[Recovered]) -> Markup {
-    let pairs = || workshop.materials.iter().zip(recovered);
+pub(super) fn section(context: &PaperContext, recovered: &[Recovered]) -> Markup {
+    let pairs = || context.materials.iter().zip(recovered);
     let mut rows: Vec<Vec<String>> = pairs()
         .flat_map(|(material, r)| {
             r.estimates.iter().zip(LIGHTS).map(move |(e, (_, light))| row(&format!("{}, {light}", material.name), e))
@@ -38,7 +38,7 @@ pub(super) fn section(workshop: &PaperContext, recovered: &[Recovered]) -> Marku
             h3 { "From " (light) }
             (figure::grid(19, &pairs().map(|(m, r)| card(m, r, i)).collect::<Vec<_>>()))
         }
-        p { (verdict(workshop, recovered)) }
+        p { (verdict(context, recovered)) }
         (table::table(
             &format!("Errors of the predictions under {}, and of the BRDF", NOVEL.1),
             &["input", "relight", "log relight", "BRDF log", "beyond the grid"],
@@ -92,8 +92,8 @@ fn card(material: &Material, recovered: &Recovered, light: usize) -> Markup {
 }
 
 /// Returns a sentence that summarises the errors.
-fn verdict(workshop: &PaperContext, recovered: &[Recovered]) -> String {
-    let mut cells: Vec<(f64, String)> = workshop
+fn verdict(context: &PaperContext, recovered: &[Recovered]) -> String {
+    let mut cells: Vec<(f64, String)> = context
         .materials
         .iter()
         .zip(recovered)

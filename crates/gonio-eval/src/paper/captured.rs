@@ -12,9 +12,9 @@ use gonio::scene::{ObservationSettings, Observations};
 use maud::{Markup, html};
 use rayon::prelude::*;
 
+use super::context::PaperContext;
 use super::show;
 use super::step;
-use super::workshop::PaperContext;
 use crate::captured::{Captured, Cell, reflected};
 use crate::metrics::{self, Relight};
 use gonio_report::page::chart::{self, Axis, Series};
@@ -45,10 +45,10 @@ struct Prediction {
     error: Relight,
 }
 
-pub(super) fn section(workshop: &PaperContext) -> Result<Markup> {
-    let ball = read(&workshop.data)?;
-    let estimates = (0..LIGHTS.len()).map(|i| infer(workshop, &ball, i)).collect::<Result<Vec<_>>>()?;
-    let mean = workshop.training_mean()?;
+pub(super) fn section(context: &PaperContext) -> Result<Markup> {
+    let ball = read(&context.data)?;
+    let estimates = (0..LIGHTS.len()).map(|i| infer(context, &ball, i)).collect::<Result<Vec<_>>>()?;
+    let mean = context.training_mean()?;
     let pixels = ball.pixels(80.0);
     let predict = |light: usize, colour: DVec3, f: &(dyn Fn(f64, f64) -> f64 + Sync)| {
         prediction(&ball, &pixels, light, &ball.render(light, f), colour)
@@ -140,21 +140,21 @@ fn better_than_blind(ours: f64, trivial: &[(&str, f64)]) -> String {
     }
 }
 
-fn infer(workshop: &PaperContext, ball: &Captured, i: usize) -> Result<Estimate> {
+fn infer(context: &PaperContext, ball: &Captured, i: usize) -> Result<Estimate> {
     let name = format!("captured/ball/{}.exr", LIGHTS[i]);
     step(&format!("Fig. 6, {}", LIGHTS[i]), || {
         let settings = ObservationSettings::default();
         let found = Observations::of_normals(&ball.photographs[i].picture, &ball.normals, Some(&ball.mask), &settings)
             .with_context(|| name.clone())?;
-        let projected = workshop.plan(&found.points)?.project(&found.values, 1e-5)?;
-        let (_, blind) = workshop.infer(&projected, &name)?;
-        let functions = &workshop.model.reflectance.functions;
+        let projected = context.plan(&found.points)?.project(&found.values, 1e-5)?;
+        let (_, blind) = context.infer(&projected, &name)?;
+        let functions = &context.model.reflectance.functions;
         let row = |normal: DVec3| {
             let of = |t: &BivariateTable| reflected(&|h, d| t.eval(h, d), normal, &ball.photographs[i].lights);
             functions.iter().map(|t| luminance(of(t).as_vec3())).collect::<Vec<f32>>()
         };
         let rows: Vec<f32> = found.points.par_iter().flat_map_iter(|p| row(p.normal)).collect();
-        let known = workshop.infer_under_known_light(&rows, &found.values, &name)?;
+        let known = context.infer_under_known_light(&rows, &found.values, &name)?;
         let colours: Vec<Vec3> = found.colours.iter().flatten().copied().collect();
         let colour = median_colour(&Plane::from_vec(colours.len(), 1, colours), |_| true).as_dvec3();
         Ok(Estimate { blind, known, colour, observations: found.report.used, left_over: projected.left_over() })

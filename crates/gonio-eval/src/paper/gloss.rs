@@ -2,14 +2,14 @@
 
 use maud::{Markup, html};
 
+use super::context::{LIGHTS, PaperContext};
 use super::recovery::Recovered;
-use super::workshop::{LIGHTS, PaperContext};
 use crate::metrics::{Gloss, spearman};
 use gonio_report::page::chart::{self, Axis, Frame, Series};
 use gonio_report::page::{figure, table};
 
-pub(super) fn section(workshop: &PaperContext, recovered: &[Recovered]) -> Markup {
-    let truth: Vec<Gloss> = workshop.materials.iter().map(|m| Gloss::of(&m.truth)).collect();
+pub(super) fn section(context: &PaperContext, recovered: &[Recovered]) -> Markup {
+    let truth: Vec<Gloss> = context.materials.iter().map(|m| Gloss::of(&m.truth)).collect();
     let found: Vec<Vec<Gloss>> =
         (0..LIGHTS.len()).map(|i| recovered.iter().map(|r| Gloss::of(&r.estimates[i].table)).collect()).collect();
     let order = |of: &dyn Fn(&Gloss) -> f64| -> Vec<f64> {
@@ -34,7 +34,7 @@ pub(super) fn section(workshop: &PaperContext, recovered: &[Recovered]) -> Marku
             values.iter().zip(LIGHTS).map(|(v, (_, light))| format!("{v:.2} from {light}")).collect();
         each.join(", ")
     };
-    let rows: Vec<Vec<String>> = workshop
+    let rows: Vec<Vec<String>> = context
         .materials
         .iter()
         .enumerate()

@@ -9,8 +9,8 @@ use gonio::sphere::Orientation;
 use maud::{Markup, html};
 use rayon::prelude::*;
 
+use super::context::{LIGHTS, PaperContext};
 use super::step;
-use super::workshop::{LIGHTS, PaperContext};
 use crate::data;
 use gonio_report::page::chart::{self, Axis, Histogram, Series};
 use gonio_report::page::figure;
@@ -27,9 +27,9 @@ const GROUPS: [PriorGroup; 6] = [
     PriorGroup::Fine { scale: 5 },
 ];
 
-pub(super) fn section(workshop: &PaperContext) -> Result<Markup> {
-    let lights = step("Fig. 2, training lights", || coefficients(workshop))?;
-    let prior = &workshop.model.light;
+pub(super) fn section(context: &PaperContext) -> Result<Markup> {
+    let lights = step("Fig. 2, training lights", || coefficients(context))?;
+    let prior = &context.model.light;
     let all = PriorGroup::all(prior.scales);
     let mut charts = Vec::new();
     for group in GROUPS {
@@ -41,7 +41,7 @@ pub(super) fn section(workshop: &PaperContext) -> Result<Markup> {
         charts.push(density(group, &samples, |x| prior.groups[at].log_density(x)));
     }
     Ok(html! {
-        (octahedral(workshop)?)
+        (octahedral(context)?)
         h3 { "Wavelet coefficients and their prior" }
         p {
             "Haar coefficients of " (lights.len()) " training lights, each scaled to integrate to one, on a " (GRID_SIDE) " x " (GRID_SIDE)
@@ -53,13 +53,13 @@ pub(super) fn section(workshop: &PaperContext) -> Result<Markup> {
 }
 
 /// Reads the training lights and returns their normalised coefficients.
-fn coefficients(workshop: &PaperContext) -> Result<Vec<Vec<f64>>> {
-    let folder = workshop.data.join("lighting/train");
+fn coefficients(context: &PaperContext) -> Result<Vec<Vec<f64>>> {
+    let folder = context.data.join("lighting/train");
     let entries = std::fs::read_dir(&folder).with_context(|| folder.display().to_string())?;
     let mut paths = entries.map(|e| Ok(e?.path())).collect::<std::io::Result<Vec<_>>>()?;
     paths.retain(|p| p.extension().is_some_and(|e| e == "hdr"));
     paths.sort();
-    let map = workshop.model.light.map;
+    let map = context.model.light.map;
     let one = |path: &std::path::PathBuf| {
         let grid = data::read_map(path)?.to_grid(map, GRID_SIDE);
         grid.normalised_coefficients().with_context(|| format!("{}: the light is black", path.display()))
@@ -100,10 +100,10 @@ fn density(group: PriorGroup, samples: &[f64], log_density: impl Fn(f64) -> f64)
     )
 }
 
-fn octahedral(workshop: &PaperContext) -> Result<Markup> {
+fn octahedral(context: &PaperContext) -> Result<Markup> {
     let (file, name) = LIGHTS[0];
-    let light = workshop.test_lights.map(file)?;
-    let map = workshop.model.light.map;
+    let light = context.test_lights.map(file)?;
+    let map = context.model.light.map;
     let exposed = |rgb: Plane<glam::Vec3>| {
         let exposure = Exposure::by_quantile(&rgb, |_| true, 0.9, 0.6);
         rgb.map(|p| exposure.apply(*p))

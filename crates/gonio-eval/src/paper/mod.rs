@@ -3,19 +3,19 @@
 //!
 //! One file per figure: [`trivial`] (Fig. 1), [`lighting`] (Fig. 2), [`reflectance`] (Fig. 3),
 //! [`appearance`] (Fig. 4), [`stability`] (Fig. 5), [`captured`] (Fig. 6), [`gloss`] (the remark on
-//! Fig. 6). [`workshop`] holds the data, model and estimator that they share. [`recovery`] computes
+//! Fig. 6). [`context`] holds the data, model and estimator that they share. [`recovery`] computes
 //! the estimates of Figs. 4, 5 and of the gloss order once. [`show`] converts radiance to pictures.
 
 mod appearance;
 mod captured;
+mod context;
 mod gloss;
 mod lighting;
 mod recovery;
 mod reflectance;
 pub(crate) mod show;
 mod stability;
-mod trivial;
-mod workshop;
+mod trivial_solution;
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -23,12 +23,12 @@ use std::time::Instant;
 use anyhow::{Result, bail};
 use maud::html;
 
+use context::PaperContext;
 use gonio_report::page::{Section, document};
-use workshop::PaperContext;
 
-/// Options of `gonio-eval paper`.
+/// PaperOptions of `gonio-eval paper`.
 #[derive(clap::Args)]
-pub(crate) struct Options {
+pub(crate) struct PaperOptions {
     /// HTML file of the report
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
@@ -63,28 +63,28 @@ impl Estimator {
     }
 }
 
-pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
+pub(crate) fn run(data: &Path, options: &PaperOptions) -> Result<()> {
     let start = Instant::now();
     // Check now, not after minutes of computation.
     let folder = options.output.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
     if !folder.is_dir() || options.output.is_dir() {
         bail!("{}: specify a file in an existing folder", options.output.display());
     }
-    let workshop = step("data", || PaperContext::open(data, options))?;
+    let context = step("data", || PaperContext::open(data, options))?;
     let mut sections = Vec::new();
     let mut add = |id: &str, title: &str, body| sections.push(Section { id: id.into(), title: title.into(), body });
-    add("trivial", "Fig. 1: the single best explanation", trivial::section(&workshop)?);
-    add("light", "Fig. 2: light and its statistics", lighting::section(&workshop)?);
-    add("reflectance", "Fig. 3: reflectance in a basis of few functions", reflectance::section(&workshop)?);
-    let recovered = recovery::recover(&workshop)?;
-    add("appearance", "Fig. 4: appearance in a novel light", appearance::section(&workshop, &recovered));
+    add("trivial", "Fig. 1: the single best explanation", trivial_solution::section(&context)?);
+    add("light", "Fig. 2: light and its statistics", lighting::section(&context)?);
+    add("reflectance", "Fig. 3: reflectance in a basis of few functions", reflectance::section(&context)?);
+    let recovered = recovery::recover(&context)?;
+    add("appearance", "Fig. 4: appearance in a novel light", appearance::section(&context, &recovered));
     add(
         "stability",
         "Fig. 5: the same material from two lights",
-        step("Fig. 5", || Ok(stability::section(&workshop, &recovered)))?,
+        step("Fig. 5", || Ok(stability::section(&context, &recovered)))?,
     );
-    add("captured", "Fig. 6: a real photograph", captured::section(&workshop)?);
-    add("gloss", "The order of gloss", gloss::section(&workshop, &recovered));
+    add("captured", "Fig. 6: a real photograph", captured::section(&context)?);
+    add("gloss", "The order of gloss", gloss::section(&context, &recovered));
     let lead = html! {
         p {
             "The figures and tables of " em { "Blind Reflectometry" } ", reproduced by gonio " (env!("CARGO_PKG_VERSION")) ". "
@@ -94,7 +94,7 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
         }
         p.note {
             "Materials are the " em { "reconstructed" } " MERL database, not the original measurements. The basis of the inference "
-            "holds all 100 materials, as in the paper; the lights of the inputs were not used for the prior of light. " (workshop.inputs_note())
+            "holds all 100 materials, as in the paper; the lights of the inputs were not used for the prior of light. " (context.inputs_note())
         }
     };
     let page = document("Blind reflectometry: the paper's figures", &lead, &sections);

@@ -6,9 +6,9 @@ use gonio::reflectance::BivariateTable;
 use gonio::render::{Tinted, render_sphere};
 use gonio::scene::{ObservationSettings, sphere_points};
 
+use super::context::{LIGHTS, PaperContext};
 use super::show;
 use super::step;
-use super::workshop::{LIGHTS, PaperContext};
 use crate::metrics::{self, Relight};
 
 /// Estimate of one material under one light.
@@ -35,25 +35,25 @@ pub(super) struct Recovered {
     pub(super) estimates: Vec<Estimate>,
 }
 
-/// Estimates every material under every light, in the order of the materials of the workshop.
-pub(super) fn recover(workshop: &PaperContext) -> Result<Vec<Recovered>> {
+/// Estimates every material under every light, in the order of the materials of the context.
+pub(super) fn recover(context: &PaperContext) -> Result<Vec<Recovered>> {
     let points = sphere_points(&ObservationSettings::default());
-    let plan = step("plan of a sphere", || workshop.plan(&points))?;
+    let plan = step("plan of a sphere", || context.plan(&points))?;
     let settings = show::settings(show::SPHERE, true);
     let pixels = |picture: &Picture| metrics::sphere_pixels(picture, settings.radius());
     let mut all = Vec::new();
-    for material in &workshop.materials {
+    for material in &context.materials {
         let truth = step(&format!("Fig. 4, {}", material.name), || {
-            Ok(render_sphere(&material.full, &workshop.novel, &settings, &|_| ()))
+            Ok(render_sphere(&material.full, &context.novel, &settings, &|_| ()))
         })?;
         let mut estimates = Vec::new();
-        for (tree, (_, light)) in workshop.lights.iter().zip(LIGHTS) {
+        for (tree, (_, light)) in context.lights.iter().zip(LIGHTS) {
             let name = format!("{} under {light}", material.name);
             let estimate = step(&format!("Fig. 4, {name}"), || {
                 let projected = plan.project(&show::luminances(&points, &material.full, tree), 1e-5)?;
-                let (_, table) = workshop.infer(&projected, &name)?;
+                let (_, table) = context.infer(&projected, &name)?;
                 let grey = Tinted { table, colour: glam::DVec3::ONE };
-                let predicted = render_sphere(&grey, &workshop.novel, &settings, &|_| ());
+                let predicted = render_sphere(&grey, &context.novel, &settings, &|_| ());
                 Ok(Estimate {
                     input: show::sphere(&material.full, tree),
                     relight: metrics::relight(&pixels(&predicted), &pixels(&truth)),

@@ -11,9 +11,9 @@ use gonio_paper::nmf::NmfSettings;
 use gonio_paper::training::TrainSettings;
 use maud::{Markup, html};
 
+use super::context::{Material, PaperContext};
 use super::show::{self, Green};
 use super::step;
-use super::workshop::{Material, PaperContext};
 use crate::bases::Trained;
 use crate::metrics;
 use gonio_report::page::chart::{self, Axis, Histogram, Series};
@@ -41,19 +41,14 @@ struct Errors {
     rms: Vec<f64>,
 }
 
-pub(super) fn section(workshop: &PaperContext) -> Result<Markup> {
-    let green: Vec<(String, BivariateTable)> = workshop
-        .all
-        .names
-        .iter()
-        .enumerate()
-        .map(|(at, name)| (name.clone(), workshop.all.green(at).clone()))
-        .collect();
+pub(super) fn section(context: &PaperContext) -> Result<Markup> {
+    let green: Vec<(String, BivariateTable)> =
+        context.all.names.iter().enumerate().map(|(at, name)| (name.clone(), context.all.green(at).clone())).collect();
     let trained = |rank: usize, cost_margin: f64| {
         let nmf = NmfSettings { rank, ..NmfSettings::default() };
         let settings = TrainSettings { nmf, cost_margin, ..TrainSettings::default() };
         step(&format!("Fig. 3, basis of rank {rank}"), || {
-            Trained::load_or_train(workshop.cache.as_ref(), &green, &settings)
+            Trained::load_or_train(context.cache.as_ref(), &green, &settings)
         })
     };
     let margin = TrainSettings::default().cost_margin;
@@ -62,14 +57,14 @@ pub(super) fn section(workshop: &PaperContext) -> Result<Markup> {
     let (least, finest) = (trained(RANKS[2], 0.0)?, trained(FINEST, margin)?);
     let fits = MODELS
         .iter()
-        .map(|(name, file)| (*name, workshop.data.join("merl").join(file)))
+        .map(|(name, file)| (*name, context.data.join("merl").join(file)))
         // The database itself does not include the fits.
         .filter(|(_, path)| path.is_file())
         .map(|(name, path)| Ok((name, gonio_io::fits::read_fits(path)?)))
         .collect::<Result<Vec<_>>>()?;
     let names: Vec<&str> = match fits.first() {
         Some((_, fits)) => fits.iter().map(|(name, _)| name.as_str()).collect(),
-        None => workshop.all.names.iter().map(String::as_str).collect(),
+        None => context.all.names.iter().map(String::as_str).collect(),
     };
     let of_basis = |name: String, trained: &Trained| Errors {
         name,
@@ -92,14 +87,14 @@ pub(super) fn section(workshop: &PaperContext) -> Result<Markup> {
     })?;
     let cards = step("Fig. 3, pictures", || {
         let cook_torrance = fits.first().map_or(&[][..], |(_, fits)| fits);
-        let shown = workshop.materials.iter().filter(|m| SHOWN.contains(&m.name));
-        shown.map(|m| spheres(workshop, m, &bases, cook_torrance)).collect::<Result<Vec<_>>>()
+        let shown = context.materials.iter().filter(|m| SHOWN.contains(&m.name));
+        shown.map(|m| spheres(context, m, &bases, cook_torrance)).collect::<Result<Vec<_>>>()
     })?;
     Ok(html! {
         h3 { "Fits" }
         p {
             "The non-negative basis with " (RANKS[0]) ", " (RANKS[1]) " and " (RANKS[2]) " functions, the material itself, and the published "
-            "Cook-Torrance fit, under " (super::workshop::NOVEL.1) ", in the green channel, on which the bases were trained, shown in grey. "
+            "Cook-Torrance fit, under " (super::context::NOVEL.1) ", in the green channel, on which the bases were trained, shown in grey. "
             "All five have the exposure of the material itself. The fits minimise the squared error over the table, in which the dark parts of a BRDF "
             "with a bright highlight have little weight."
         }
@@ -132,14 +127,14 @@ fn rms(a: &BivariateTable, b: &BivariateTable) -> f64 {
 }
 
 fn spheres(
-    workshop: &PaperContext,
+    context: &PaperContext,
     material: &Material,
     bases: &[Trained],
     fits: &[(String, ParametricFit)],
 ) -> Result<Markup> {
     let name = material.name;
-    let reference = workshop.all.green(workshop.all.index(name)?);
-    let truth = show::sphere(&Green(&material.full), &workshop.novel);
+    let reference = context.all.green(context.all.index(name)?);
+    let truth = show::sphere(&Green(&material.full), &context.novel);
     let exposure = show::exposure(&truth);
     let tile = |label: String, picture: &gonio::picture::Picture| {
         let alt = format!("Sphere of {name}, green channel: {label}");
@@ -148,12 +143,12 @@ fn spheres(
     let mut tiles = Vec::new();
     for (rank, trained) in RANKS.iter().zip(bases) {
         let fitted = trained.basis.combine(&trained.basis.project(reference)?)?;
-        tiles.push(tile(format!("K = {rank}"), &show::sphere(&fitted, &workshop.novel)));
+        tiles.push(tile(format!("K = {rank}"), &show::sphere(&fitted, &context.novel)));
     }
     tiles.push(tile("truth".into(), &truth));
     let model = fits.iter().find(|(n, _)| n == name).map(|(_, fit)| channel(fit, GREEN));
     if let Some(model) = &model {
-        tiles.push(tile("Cook-Torrance".into(), &show::sphere(model, &workshop.novel)));
+        tiles.push(tile("Cook-Torrance".into(), &show::sphere(model, &context.novel)));
     }
     let tiles: Vec<(&str, Markup)> = tiles.iter().map(|(label, html)| (label.as_str(), html.clone())).collect();
     let errors: Vec<String> = RANKS

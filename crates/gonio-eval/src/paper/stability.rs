@@ -8,9 +8,9 @@ use gonio::render::{Brdf, LightTree, Tinted, render_sphere};
 use gonio::sphere::direction_of_lat_long;
 use maud::{Markup, html};
 
+use super::context::{LIGHTS, Material, PaperContext};
 use super::recovery::Recovered;
 use super::show;
-use super::workshop::{LIGHTS, Material, PaperContext};
 use crate::metrics;
 use gonio_report::page::figure;
 
@@ -27,9 +27,9 @@ const SIZE: usize = 96;
 /// Rows of the maps of the lights.
 const HEIGHT: usize = 180;
 
-pub(super) fn section(workshop: &PaperContext, recovered: &[Recovered]) -> Markup {
+pub(super) fn section(context: &PaperContext, recovered: &[Recovered]) -> Markup {
     let lamps: Vec<LightTree> = ANGLES.iter().map(|a| lamp(*a)).collect();
-    let pairs = || workshop.materials.iter().zip(recovered);
+    let pairs = || context.materials.iter().zip(recovered);
     let cards: Vec<Markup> = pairs().map(|(material, r)| card(material, r, &lamps)).collect();
     let tables: Vec<Vec<&BivariateTable>> =
         recovered.iter().map(|r| r.estimates.iter().map(|e| &e.table).collect()).collect();

@@ -172,7 +172,7 @@ fn grey_cells_have_the_same_errors_in_rgb() {
 fn coloured_materials_are_judged_in_rgb() {
     let place = Place::new();
     world::colour(&place.at("data"));
-    let estimators = "lambertian,true-bivariate,known-light,known-light-turned,learnt";
+    let estimators = "lambertian,true-bivariate,known-light,known-light-rotated,learnt";
     run(&mut place.bench("out", &["--protocols", "leave-out", "--estimators", estimators, "--noise", "0.01"]));
     let whole = json(&place.at("out/results.json"));
     let value = |estimator: &str, error: &str| row(&whole, "leave-out", estimator)[error]["value"].as_f64().unwrap();
@@ -182,7 +182,7 @@ fn coloured_materials_are_judged_in_rgb() {
         assert!(value(estimator, "rgb_median") < value(estimator, "relative") + 0.03, "{estimator}");
         assert!(value(estimator, "rgb_grey") > 0.3, "{estimator}");
     }
-    for estimator in ["true-bivariate", "known-light", "known-light-turned"] {
+    for estimator in ["true-bivariate", "known-light", "known-light-rotated"] {
         let (rgb, chroma) = (value(estimator, "rgb"), value(estimator, "mean_chroma"));
         assert!(rgb < value(estimator, "relative") + 0.03 && chroma < 0.05, "{estimator}: {rgb} {chroma}");
     }
@@ -261,17 +261,17 @@ fn a_killed_run_resumes() {
 fn the_outside_protocol_tests_materials_outside_the_database() {
     let place = Place::new();
     let fast = ["--estimators", "lambertian,nearest-material,true-bivariate,known-light-basis"];
-    run(place.bench("both", &fast).args(["--protocols", "all,outside", "--materials", "plaster,varnish"]));
+    run(place.bench("both", &fast).args(["--protocols", "all,out-of-domain", "--materials", "plaster,varnish"]));
     let whole = json(&place.at("both/results.json"));
     // Two of the formulas beside the three materials of the database, in two lights.
     assert_eq!(row(&whole, "all", "lambertian")["cells"], 6);
-    assert_eq!(row(&whole, "outside", "lambertian")["cells"], 4);
-    for cell in whole["cells"].as_array().unwrap().iter().filter(|c| c["protocol"] == "outside") {
+    assert_eq!(row(&whole, "out-of-domain", "lambertian")["cells"], 4);
+    for cell in whole["cells"].as_array().unwrap().iter().filter(|c| c["protocol"] == "out-of-domain") {
         // Rendered from the formula, not from its mean over phi_d.
         assert_eq!(cell["full_table"], true);
         let note = cell["report"]["note"].as_str().unwrap();
         // The nearest material is in the database, because no model is learnt from the materials
-        // outside.
+        // out of domain.
         assert_eq!(note.starts_with('m'), cell["estimator"] == "nearest-material", "{cell}");
         let (brdf, log) = (cell["brdf"].as_f64().unwrap(), cell["relight"][0]["log"].as_f64().unwrap());
         if cell["estimator"] == "true-bivariate" {
@@ -280,13 +280,13 @@ fn the_outside_protocol_tests_materials_outside_the_database() {
             assert!(brdf > 0.01 && cell["failure"].is_null(), "{cell}");
         }
     }
-    // The cells of the database are the same with and without the materials outside.
+    // The cells of the database are the same with and without the materials out of domain.
     run(place.bench("alone", &fast).args(["--protocols", "all"]));
     let both = cells(&place.at("both"));
     for (at, errors) in cells(&place.at("alone")) {
         assert_eq!(both[&at], errors, "{at}");
     }
-    // Without the protocol, the materials outside are not available.
+    // Without the protocol, the materials out of domain are not available.
     let unasked = place.bench("unasked", &["--materials", "plaster"]).output().unwrap();
     assert!(String::from_utf8_lossy(&unasked.stderr).contains("there is no material plaster"));
 }

@@ -29,7 +29,7 @@ from ._errors import FileError, GonioError, GonioWarning, MissingFileError
 from ._files import read_image, read_normals, write_image
 from ._gonio import Model, __version__
 from ._infer import METHODS, infer, read_model
-from ._look import Checked, Merged, check, merge, set_threads
+from ._check import Checked, Merged, check, merge, set_threads
 from ._many import Failure, infer_many
 from ._posterior import QUANTILES, BasisPosterior, Posterior
 from ._probe import LightProbe, light_probe
@@ -37,7 +37,7 @@ from ._regions import infer_regions
 from ._render import studio_light
 from ._show import tonemapped
 from ._tables import read_brdf, read_merl, write_merl
-from ._train import Part, train_lighting, train_model, train_posterior, train_reflectance
+from ._train import ModelPart, train_lighting, train_model, train_posterior, train_reflectance
 
 __all__ = [
     "EXPORTS",
@@ -59,7 +59,7 @@ __all__ = [
     "MissingFileError",
     "Model",
     "Pair",
-    "Part",
+    "ModelPart",
     "Posterior",
     "__version__",
     "check",

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ._arguments import Array, Path, Photograph, Picture, is_path
-from ._checks import shown
+from ._validation import shown
 from ._errors import GonioError
 from ._types import Doubles, Floats, GivenPicture, GivenShots
 

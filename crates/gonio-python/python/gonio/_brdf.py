@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from . import _gonio
 from ._arguments import Array, Camera, Path, Picture, Progress, Shape
 from ._arrays import array_of, floats
-from ._checks import choice, flag, listener, positive, shown, space, space_if_given, text
+from ._validation import choice, flag, listener, positive, shown, space, space_if_given, text
 from ._convert import data_array, mitsuba_bsdf
 from ._errors import GonioError, GonioWarning
 from ._files import light_map

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from . import _gonio
 from ._arguments import Path, Progress, is_path
-from ._checks import listener
+from ._validation import listener
 from ._errors import GonioError
 from ._gonio import Model
 from ._infer import model_of

@@ -11,7 +11,7 @@ import numpy as np
 from . import _gonio
 from ._arguments import Array, Path, Picture, is_path
 from ._arrays import array_of, floats
-from ._checks import flag, positive, space_if_given, text
+from ._validation import flag, positive, space_if_given, text
 from ._errors import GonioError, GonioWarning
 from ._types import Floats
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from . import _gonio
 from ._arguments import Path, Picture, Shape
 from ._brdf import Brdf
-from ._checks import flag, integer
+from ._validation import flag, integer
 from ._convert import dataset, inference_data
 from ._types import Bytes, Doubles, Floats, BrdfData, MaterialData, SavedResult
 

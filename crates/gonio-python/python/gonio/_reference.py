@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from ._arrays import mask_of
-from ._checks import circle, flag, number, numbers, shown
+from ._validation import circle, flag, number, numbers, shown
 from ._errors import GonioError
 from ._types import GivenReference
 

@@ -8,7 +8,7 @@ from typing import Any, cast
 
 from ._arguments import Path, Photograph, is_path
 from ._arrays import mask_of, name_of, photograph
-from ._checks import flag, numbers, positive, space_if_given, text
+from ._validation import flag, numbers, positive, space_if_given, text
 from ._errors import GonioError
 from ._reference import REFERENCE, given_reference
 from ._shape import FORM, given_shape

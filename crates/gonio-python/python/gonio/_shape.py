@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ._arguments import Array, Camera, Path, is_path
 from ._arrays import array_of, doubles, floats
-from ._checks import choice, circle, flag, number, numbers, positive, shown
+from ._validation import choice, circle, flag, number, numbers, positive, shown
 from ._errors import GonioError
 from ._types import Doubles, Floats, GivenNormals, GivenShape
 

@@ -13,7 +13,7 @@ from . import _gonio
 from ._arguments import Array, Path, Picture, Progress, is_path
 from ._arrays import floats
 from ._brdf import Brdf
-from ._checks import choice, listener, number, shown, integer
+from ._validation import choice, listener, number, shown, integer
 from ._files import light_map
 from ._gonio import Model
 from ._types import Floats, LightingOptions, Listeners, PosteriorOptions, ReflectanceOptions
@@ -27,7 +27,7 @@ CHANNELS = ("red", "green", "blue", "luminance")
 
 
 @dataclass(frozen=True, repr=False)
-class Part:
+class ModelPart:
     """A trained part of a model, for :func:`train_model`.
 
     Attributes
@@ -59,7 +59,7 @@ class Part:
         _gonio.write_file(os.fspath(path), self.data)
 
     def __repr__(self) -> str:
-        return f"<gonio.Part: {self.provenance}>"
+        return f"<gonio.ModelPart: {self.provenance}>"
 
 
 def train_lighting(
@@ -71,7 +71,7 @@ def train_lighting(
     cap: float | None = None,
     seed: int = 1,
     progress: Progress | None = None,
-) -> Part:
+) -> ModelPart:
     """Train the light prior.
 
     Parameters
@@ -93,7 +93,7 @@ def train_lighting(
 
     Returns
     -------
-    Part
+    ModelPart
         The prior, for :func:`train_model`.
 
     Examples
@@ -110,7 +110,7 @@ def train_lighting(
         "seed": integer(seed, "seed"),
     }
     data, provenance = _gonio.train_lighting(_lights(lights), options, _listeners(progress))
-    return Part("lighting", provenance, data)
+    return ModelPart("lighting", provenance, data)
 
 
 def train_reflectance(
@@ -121,7 +121,7 @@ def train_reflectance(
     restarts: int | None = None,
     seed: int = 0,
     progress: Progress | None = None,
-) -> Part:
+) -> ModelPart:
     """Train the reflectance basis and its prior.
 
     Parameters
@@ -141,8 +141,8 @@ def train_reflectance(
 
     Returns
     -------
-    Part
-        The basis, for :func:`train_model`; :attr:`Part.errors` has the error of each material.
+    ModelPart
+        The basis, for :func:`train_model`; :attr:`ModelPart.errors` has the error of each material.
 
     Examples
     --------
@@ -159,7 +159,7 @@ def train_reflectance(
         "seed": integer(seed, "seed"),
     }
     data, provenance, errors = _gonio.train_reflectance(_materials(materials), options, _listeners(progress))
-    return Part("reflectance", provenance, data, dict(errors))
+    return ModelPart("reflectance", provenance, data, dict(errors))
 
 
 def train_posterior(
@@ -172,7 +172,7 @@ def train_posterior(
     steps: int | None = None,
     seed: int = 1,
     progress: Progress | None = None,
-) -> Part:
+) -> ModelPart:
     """Train the posterior of materials for :func:`gonio.infer`.
 
     The training uses simulated photographs of the materials under the lights, and takes hours.
@@ -196,7 +196,7 @@ def train_posterior(
 
     Returns
     -------
-    Part
+    ModelPart
         The posterior, for :func:`train_model`.
 
     Examples
@@ -211,17 +211,17 @@ def train_posterior(
         "seed": integer(seed, "seed"),
     }
     data, provenance = _gonio.train_posterior(_lights(lights), _materials(materials), options, _listeners(progress))
-    return Part("posterior", provenance, data)
+    return ModelPart("posterior", provenance, data)
 
 
-def train_model(lighting: Part | Path, reflectance: Part | Path, posterior: Part | Path | None = None) -> Model:
+def train_model(lighting: ModelPart | Path, reflectance: ModelPart | Path, posterior: ModelPart | Path | None = None) -> Model:
     """Join trained parts into a model.
 
     Parameters
     ----------
-    lighting, reflectance : Part or path
+    lighting, reflectance : ModelPart or path
         Results of :func:`train_lighting` and :func:`train_reflectance`, or their files.
-    posterior : Part or path, optional
+    posterior : ModelPart or path, optional
         Result of :func:`train_posterior`, or its file. :func:`gonio.infer` requires it, except for
         the methods of the paper.
 
@@ -237,11 +237,11 @@ def train_model(lighting: Part | Path, reflectance: Part | Path, posterior: Part
     return _gonio.join(_part(lighting), _part(reflectance), None if posterior is None else _part(posterior))
 
 
-def _part(part: Part | Path) -> tuple[bytes, str]:
-    if isinstance(part, Part):
+def _part(part: ModelPart | Path) -> tuple[bytes, str]:
+    if isinstance(part, ModelPart):
         return part.data, f"the {part.kind}"
     if not is_path(part):
-        raise TypeError(f"part: must be a Part or its file, not {shown(part)}")
+        raise TypeError(f"part: must be a ModelPart or its file, not {shown(part)}")
     path = os.fspath(part)
     return _gonio.read_file(path), path
 

@@ -1,11 +1,11 @@
 //! Individual pictures of a result: the photograph, its reproduction, and the material under
 //! built-in lights.
 
-mod gloss;
-mod half_light;
+mod half_vector_light;
 mod light;
+mod narrow_lobe;
+mod renderer;
 mod repaired;
-mod stage;
 pub mod used;
 mod view;
 
@@ -20,7 +20,7 @@ use gonio::scene::Detection;
 
 use crate::canvas::PAPER;
 pub use light::{dark_studio, display, resolution};
-pub(crate) use stage::PanelRenderer;
+pub(crate) use renderer::PanelRenderer;
 use view::View;
 
 /// Height of a panel, in pixels.
@@ -219,7 +219,7 @@ fn light(subject: &Subject<'_>) -> Plane<Vec3> {
 fn shown_at(map: &Plane<Vec3>) -> Plane<Vec3> {
     Plane::from_fn(PANEL, PANEL / 2, |x, y| {
         let (u, v) = ((x as f64 + 0.5) / PANEL as f64, (2.0 * y as f64 + 1.0) / PANEL as f64);
-        half_light::between(map, gonio::sphere::direction_of_lat_long(u, v).as_vec3())
+        half_vector_light::between(map, gonio::sphere::direction_of_lat_long(u, v).as_vec3())
     })
 }
 

@@ -9,7 +9,7 @@ use gonio::shape::{PosedSurface, Viewpoint, Visibility, hit_at, view_at};
 use gonio::sphere::OctahedralMap;
 use rayon::prelude::*;
 
-use super::stage::{APART, PanelRenderer, RADIUS};
+use super::renderer::{APART, PanelRenderer, RADIUS};
 use super::{PANEL, Subject};
 
 /// Texels along a side of the grid on which self-shadowing is computed for the pictures.

@@ -16,9 +16,9 @@ mod known_light;
 mod light;
 mod material;
 mod misfit;
+mod regions;
 #[cfg(test)]
 mod tests;
-mod together;
 
 use thiserror::Error;
 
@@ -34,7 +34,7 @@ pub use known_light::{KnownLightEstimate, estimate_known_light};
 pub use light::{Light, LightEstimator};
 pub use material::{ALBEDO, Material, QUANTILE_LEVELS, draws, predictive_draws};
 pub use misfit::{CONTRADICTED, MAX_MISFIT, Reason, expected_misfit};
-pub use together::{RegionEstimate, estimate_regions, irradiance};
+pub use regions::{RegionEstimate, estimate_regions, irradiance};
 
 use crate::inference::ProductError;
 use crate::inference::known_light::KnownLightError;

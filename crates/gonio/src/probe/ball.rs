@@ -63,7 +63,7 @@ impl MirrorBall {
     pub fn of_circle(circle: Circle, size: (usize, usize)) -> Result<Self, ProbeError> {
         let Circle { x, y, radius } = circle;
         if !(x.is_finite() && y.is_finite() && radius.is_finite() && radius >= MIN_RADIUS) {
-            return Err(SceneError::BadCircle { x, y, radius, least: MIN_RADIUS }.into());
+            return Err(SceneError::BadCircle { x, y, radius, min: MIN_RADIUS }.into());
         }
         let camera = Camera::new(Projection::Orthographic { pixels_per_unit: 1.0 }, (0.0, 0.0), size)
             .map_err(SceneError::from)?;

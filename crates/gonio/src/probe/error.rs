@@ -21,13 +21,13 @@ pub enum ProbeError {
         "the ball shows only {:.0} % of all directions, {:.0} % are required; check that the mask or circle lies on \
          the ball",
         100.0 * .share,
-        100.0 * .least
+        100.0 * .min
     )]
     TooLittle {
         /// Share of the sphere of directions that is visible.
         share: f64,
         /// Smallest accepted share.
-        least: f64,
+        min: f64,
     },
     /// Everything that the ball shows is black.
     #[error("the ball is entirely black; check the exposure, and that the mask or circle lies on the ball")]
@@ -36,14 +36,14 @@ pub enum ProbeError {
     #[error("invalid reflectance {0}; use numbers above 0 and at most 1")]
     Reflectance(f64),
     /// The number of rows is not accepted.
-    #[error("{rows} rows: must be a power of two from {least} to {most}")]
+    #[error("{rows} rows: must be a power of two from {min} to {max}")]
     Rows {
         /// The given number.
         rows: usize,
         /// Smallest accepted number.
-        least: usize,
+        min: usize,
         /// Largest accepted number.
-        most: usize,
+        max: usize,
     },
     /// The angle is not finite.
     #[error("the angle between the cameras must be a finite number of degrees")]

@@ -127,7 +127,7 @@ pub fn probe(first: &View, second: Option<&SecondView>, settings: &ProbeSettings
     let whole = |f: &dyn Fn(usize) -> f64| (0..texels.len()).map(|i| solid_angle(rows, i) * f(i)).sum::<f64>();
     let unseen = (1.0 - whole(&|i| texels[i].seen) / (4.0 * PI)).max(0.0);
     if 1.0 - unseen < MIN_SEEN {
-        return Err(ProbeError::TooLittle { share: 1.0 - unseen, least: MIN_SEEN });
+        return Err(ProbeError::TooLittle { share: 1.0 - unseen, min: MIN_SEEN });
     }
     let known: Vec<f64> = texels.iter().map(|texel| texel.seen).collect();
     let mut radiance: Vec<DVec3> = texels.iter().map(|texel| texel.radiance).collect();
@@ -151,7 +151,7 @@ fn rows(first: &View, settings: &ProbeSettings) -> Result<usize, ProbeError> {
     let (least, most) = ROWS;
     match settings.rows {
         Some(rows) if rows.is_power_of_two() && (least..=most).contains(&rows) => Ok(rows),
-        Some(rows) => Err(ProbeError::Rows { rows, least, most }),
+        Some(rows) => Err(ProbeError::Rows { rows, min: least, max: most }),
         None => {
             let near = 2.0_f64.powf(first.ball().pixels().log2().round());
             Ok((near as usize).clamp(OWN_ROWS.0, OWN_ROWS.1))

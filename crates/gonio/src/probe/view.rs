@@ -20,7 +20,7 @@ pub struct View {
     ball: MirrorBall,
     statuses: Plane<PixelStatus>,
     /// Cosine between normal and view direction at the inner edge of the rim.
-    least_cosine: f64,
+    min_cosine: f64,
 }
 
 /// Light from one direction in a view.
@@ -53,14 +53,14 @@ impl View {
         }
         let ball = MirrorBall::find(picture, mask, object)?;
         let within = 1.0 - (RIM_WIDTH / ball.pixels() + RIM_SHARE);
-        let least_cosine = (1.0 - within * within).sqrt();
+        let min_cosine = (1.0 - within * within).sqrt();
         let covered = mask.or(picture.alpha.as_ref());
         let status = |x: usize, y: usize| {
             let Some(seen) = ball.reflection_at((x as f64 + 0.5, y as f64 + 0.5)) else { return PixelStatus::Outside };
             if covered.is_some_and(|c| c[(x, y)].is_nan() || c[(x, y)] < COVERED) {
                 return PixelStatus::Outside;
             }
-            let sound = if seen.cosine < least_cosine { PixelStatus::Edge } else { PixelStatus::Used };
+            let sound = if seen.cosine < min_cosine { PixelStatus::Edge } else { PixelStatus::Used };
             PixelStatus::fault(picture.rgb[(x, y)]).unwrap_or(sound)
         };
         let mut statuses = Plane::from_fn(width, height, status);
@@ -70,7 +70,7 @@ impl View {
                 *status = PixelStatus::Clipped;
             }
         }
-        Ok(Self { rgb: picture.rgb.clone(), ball, statuses, least_cosine })
+        Ok(Self { rgb: picture.rgb.clone(), ball, statuses, min_cosine })
     }
 
     /// Returns the ball.
@@ -110,7 +110,7 @@ impl View {
     /// Returns `None` if the view does not show the direction.
     pub(super) fn sample(&self, direction: DVec3, reflectance: &Reflectance) -> Option<Sample> {
         let place = self.ball.place_of(direction)?;
-        if place.cosine < self.least_cosine {
+        if place.cosine < self.min_cosine {
             return None;
         }
         let (width, height) = self.rgb.size();

@@ -63,7 +63,7 @@ pub(crate) fn find_sphere(coverage: &Plane<f32>) -> Result<DetectedCircle, Scene
     let (ball, rim) = ball_and_rim(coverage)?;
     let too_small = |radius| SceneError::TooSmall { radius, min: MIN_BALL_RADIUS };
     // No circle fits a straight edge: the visible outline spans no angle.
-    let short = |span: f64| SceneError::ShortOutline { degrees: span.to_degrees(), least: MIN_SPAN.to_degrees() };
+    let short = |span: f64| SceneError::ShortOutline { degrees: span.to_degrees(), min: MIN_SPAN.to_degrees() };
     let cropped = border(ball.size()).any(|at| ball[at]);
     let fit = fit_circle(&rim).ok_or_else(|| if cropped { short(0.0) } else { no_circle(&rim) })?;
     let circle = fit.circle;
@@ -138,7 +138,7 @@ fn ball_and_rim(coverage: &Plane<f32>) -> Result<(Plane<bool>, Vec<DVec2>), Scen
 /// Points where the border of the picture crops the part are omitted.
 pub(super) fn outline(coverage: &Plane<f32>) -> Result<Vec<DVec2>, SceneError> {
     let (_, rim) = ball_and_rim(coverage)?;
-    if rim.len() < 16 { Err(SceneError::ShortOutline { degrees: 0.0, least: MIN_SPAN.to_degrees() }) } else { Ok(rim) }
+    if rim.len() < 16 { Err(SceneError::ShortOutline { degrees: 0.0, min: MIN_SPAN.to_degrees() }) } else { Ok(rim) }
 }
 
 /// Returns the points between the ball and its surroundings where the coverage is one half.

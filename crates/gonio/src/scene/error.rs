@@ -33,12 +33,12 @@ pub enum SceneError {
         min: f64,
     },
     /// Too little of the outline lies within the picture.
-    #[error("only {degrees:.0} degrees of the ball's outline lie in the image, {least:.0} are required")]
+    #[error("only {degrees:.0} degrees of the ball's outline lie in the image, {min:.0} are required")]
     ShortOutline {
         /// Angle that the visible part of the outline spans, in degrees.
         degrees: f64,
         /// Smallest accepted angle, in degrees.
-        least: f64,
+        min: f64,
     },
     /// The outline is an ellipse, not a circle.
     #[error("the outline is an ellipse, not a circle (axis ratio 1 to {aspect:.3})")]
@@ -75,7 +75,7 @@ pub enum SceneError {
     /// The given circle cannot be the outline of a ball.
     #[error(
         "the circle with centre ({x}, {y}) and radius {radius} is invalid; use finite numbers and a radius of at \
-         least {least} pixels"
+         least {min} pixels"
     )]
     BadCircle {
         /// Column of the centre, in pixels.
@@ -85,7 +85,7 @@ pub enum SceneError {
         /// Radius, in pixels.
         radius: f64,
         /// Smallest accepted radius, in pixels.
-        least: f64,
+        min: f64,
     },
     /// Two pictures that must be aligned differ in size.
     #[error(
@@ -136,13 +136,13 @@ pub enum SceneError {
     /// The normals are (nearly) all the same.
     #[error(
         "the shape is too flat to separate light and reflectance: its normals occupy only {directions} cells of 1.6 \
-         degrees, {least} are required; use a rounder object"
+         degrees, {min} are required; use a rounder object"
     )]
     TooFlat {
         /// Number of cells of the grid of directions that contain a normal.
         directions: usize,
         /// Smallest accepted number.
-        least: usize,
+        min: usize,
     },
     /// Too many pixels have values that are not radiances (negative, NaN or infinite).
     #[error(
@@ -159,7 +159,7 @@ pub enum SceneError {
     },
     /// Too few points have a value.
     #[error(
-        "only {used} points on the object are usable, {least} are required: {clipped} are clipped and {outside} are uncovered or \
+        "only {used} points on the object are usable, {min} are required: {clipped} are clipped and {outside} are uncovered or \
          outside the image; use a shorter exposure, or check the mask and the circle"
     )]
     TooFewPoints {
@@ -170,7 +170,7 @@ pub enum SceneError {
         /// Points that are not covered or not within the picture.
         outside: usize,
         /// Smallest accepted number.
-        least: usize,
+        min: usize,
     },
     /// An observed point is not on the surface.
     #[error(

@@ -111,14 +111,14 @@ impl Observations {
         report.at_edges = steep - used;
         if used < MIN_POINTS {
             let outside = covered.as_slice().iter().filter(|c| **c).count() - used;
-            return Err(SceneError::TooFewPoints { used, clipped: 0, outside, least: MIN_POINTS });
+            return Err(SceneError::TooFewPoints { used, clipped: 0, outside, min: MIN_POINTS });
         }
         let mut directions: Vec<usize> =
             facing.iter().filter(within).map(|c| cell(c.seen(surface), COUNTING_SIDE)).collect();
         directions.sort_unstable();
         directions.dedup();
         if directions.len() < MIN_POINTS {
-            return Err(SceneError::TooFlat { directions: directions.len(), least: MIN_POINTS });
+            return Err(SceneError::TooFlat { directions: directions.len(), min: MIN_POINTS });
         }
 
         let mut region = Plane::from_fn(width, height, |_, _| false);

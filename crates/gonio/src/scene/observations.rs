@@ -270,7 +270,7 @@ impl Observations {
         // pixel at this size.
         let sane = x.abs() < 1e7 && y.abs() < 1e7 && radius < 1e7;
         if !(sane && radius >= MIN_BALL_RADIUS) {
-            return Err(SceneError::BadCircle { x, y, radius, least: MIN_BALL_RADIUS });
+            return Err(SceneError::BadCircle { x, y, radius, min: MIN_BALL_RADIUS });
         }
         let rgb = &picture.rgb;
         let (width, height) = rgb.size();
@@ -332,7 +332,7 @@ impl Observations {
             return Err(SceneError::bad_pixels(&report));
         }
         if used < MIN_POINTS {
-            return Err(SceneError::TooFewPoints { used, clipped, outside, least: MIN_POINTS });
+            return Err(SceneError::TooFewPoints { used, clipped, outside, min: MIN_POINTS });
         }
         // Luminance of the unmodified colours, including negative channels.
         let values: Vec<Option<f64>> = seen.iter().map(|s| colour(s).map(|c| f64::from(luminance(c)))).collect();

@@ -9,7 +9,7 @@ use std::path::Path;
 use anyhow::Result;
 use serde::Serialize;
 
-use super::judge::{Record, Records};
+use super::errors::{Record, Records};
 use super::store::Conditions;
 use super::summary::{Summary, summaries};
 use crate::metrics::Class;

@@ -3,8 +3,8 @@
 use maud::{Markup, html};
 
 use super::pictures;
+use crate::bench::errors::{Record, Records};
 use crate::bench::estimators::Estimator;
-use crate::bench::judge::{Record, Records};
 use crate::bench::store::Conditions;
 use crate::bench::summary::{Group, Row, Summary};
 use crate::metrics::{Class, Interval};

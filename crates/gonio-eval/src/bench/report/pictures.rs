@@ -4,8 +4,8 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use maud::{Markup, html};
 
+use crate::bench::errors::Record;
 use crate::bench::estimators::Estimator;
-use crate::bench::judge::Record;
 use crate::metrics::Class;
 use gonio_report::page::figure;
 

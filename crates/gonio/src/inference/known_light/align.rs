@@ -7,8 +7,8 @@ use glam::{DQuat, DVec3};
 use super::error_model::{CUT, median};
 use super::fit::{FitPrior, ImageModel, LaplaceFit, State};
 use super::light::{KnownLight, Operator};
+use super::rotation::propose;
 use super::space::ParameterSpace;
-use super::turn::propose;
 use super::{Alignment, COMPARED, KnownLightError, KnownLightPosterior, ObservedPoints, PriorMaterials, start};
 
 /// Largest number of successive rotations.

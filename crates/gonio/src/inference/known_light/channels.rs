@@ -35,7 +35,7 @@ const CHANNEL: FitPrior = FitPrior {
     deviations: (0.03, 2.0),
     axis_deviations: (0.2, 10.0),
     constant_precision: 0.1,
-    least_discrepancy: 0.01,
+    min_discrepancy: 0.01,
 };
 
 /// Relative root mean square change of the image's luminance by the colours above which the

@@ -36,7 +36,7 @@ pub(super) struct ErrorModel {
     /// Weights of Student's distribution.
     weights: Vec<f64>,
     /// Smallest standard deviation of the discrepancy.
-    least_discrepancy: f64,
+    min_discrepancy: f64,
     /// Standard deviations of noise and discrepancy.
     pub(super) noise: f64,
     pub(super) discrepancy: f64,
@@ -44,10 +44,10 @@ pub(super) struct ErrorModel {
 
 impl ErrorModel {
     /// Creates a model with large initial errors. Values of low `trust` (0 to 1) have more noise.
-    pub(super) fn new(normals: &[DVec3], trust: Vec<f64>, least_discrepancy: f64) -> Self {
+    pub(super) fn new(normals: &[DVec3], trust: Vec<f64>, min_discrepancy: f64) -> Self {
         let n = normals.len();
         let correlation = Mat::from_fn(n, n, |i, j| (-normals[i].distance(normals[j]) / LENGTH).exp());
-        Self { correlation, weights: vec![1.0; n], trust, least_discrepancy, noise: 0.1, discrepancy: 0.1 }
+        Self { correlation, weights: vec![1.0; n], trust, min_discrepancy, noise: 0.1, discrepancy: 0.1 }
     }
 
     /// Returns the model of a subset of the rows.
@@ -93,7 +93,7 @@ impl ErrorModel {
             values.iter().zip(&squares).map(|(value, x)| x / variance(value) + variance(value).ln()).sum()
         };
         let ladder = |least: f64| (0..LADDER.1).map(move |i| least * LADDER.0.powi(i as i32));
-        let pairs = ladder(MIN_NOISE).flat_map(|noise| ladder(self.least_discrepancy).map(move |d| (noise, d)));
+        let pairs = ladder(MIN_NOISE).flat_map(|noise| ladder(self.min_discrepancy).map(move |d| (noise, d)));
         let best = pairs.min_by(|a, b| cost(a.0, a.1).total_cmp(&cost(b.0, b.1)));
         (self.noise, self.discrepancy) = best.expect("the ladder is not empty");
     }

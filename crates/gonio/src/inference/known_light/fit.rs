@@ -46,7 +46,7 @@ pub(super) struct FitPrior {
     /// Precision of the constant.
     pub(super) constant_precision: f64,
     /// Smallest standard deviation of the discrepancy.
-    pub(super) least_discrepancy: f64,
+    pub(super) min_discrepancy: f64,
 }
 
 impl FitPrior {
@@ -57,7 +57,7 @@ impl FitPrior {
         deviations: (0.1, 1.0),
         axis_deviations: (1.0, 1.0),
         constant_precision: 0.0,
-        least_discrepancy: 0.045,
+        min_discrepancy: 0.045,
     };
 }
 
@@ -212,7 +212,7 @@ impl<'a> ImageModel<'a> {
     /// # Errors
     /// If the equations have no solution.
     pub(super) fn fit_to(&mut self, rows: &ObservedPoints<'_>, start: State) -> Result<LaplaceFit, KnownLightError> {
-        let errors = ErrorModel::new(&rows.normals(), rows.trusts(), self.prior.least_discrepancy);
+        let errors = ErrorModel::new(&rows.normals(), rows.trusts(), self.prior.min_discrepancy);
         self.fit(start, errors).ok_or(KnownLightError::Unsolvable)
     }
 

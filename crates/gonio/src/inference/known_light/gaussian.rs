@@ -8,7 +8,7 @@ use rand_pcg::Pcg64;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::hint::EncoderLikelihood;
+use super::learnt_likelihood::EncoderLikelihood;
 use super::space::ParameterSpace;
 use crate::reflectance::{BivariateTable, LatentSpace};
 

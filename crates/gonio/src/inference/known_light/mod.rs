@@ -20,12 +20,12 @@ mod channels;
 mod error_model;
 mod fit;
 mod gaussian;
-mod hint;
+mod learnt_likelihood;
 mod light;
+mod rotation;
 mod space;
 #[cfg(test)]
 mod tests;
-mod turn;
 
 use glam::{DQuat, DVec3};
 use gonio_linalg::Cholesky;
@@ -39,7 +39,7 @@ pub use channels::ChannelPosterior;
 use error_model::median;
 use fit::{FitPrior, ImageModel, LaplaceFit, State};
 pub use gaussian::Gaussian;
-pub(crate) use hint::EncoderLikelihood;
+pub(crate) use learnt_likelihood::EncoderLikelihood;
 pub use light::{KnownLight, Operator, clipped};
 use space::ParameterSpace;
 

@@ -93,7 +93,7 @@ impl<'a> Evidence<'a> {
             let mut sum = DVec2::ZERO;
             for (i, n) in path.iter().enumerate() {
                 let n = order(*n);
-                if n.z < self.settings.least_z {
+                if n.z < self.settings.min_z {
                     return None;
                 }
                 let weight = if i == 0 || i + 1 == path.len() { 0.5 } else { 1.0 };
@@ -113,7 +113,7 @@ impl<'a> Evidence<'a> {
             twist += across.abs() + along.abs();
             bend += (right.x - left.x).abs() + (top.y - bottom.y).abs();
         }
-        let tells = squares >= self.settings.fewest_squares && twist > self.settings.least_twist * (twist + bend);
+        let tells = squares >= self.settings.min_squares && twist > self.settings.min_twist * (twist + bend);
         tells.then(|| off / twist)
     }
 }

@@ -30,14 +30,14 @@ pub struct OrientationSettings {
     /// Smallest `z` of the normals along a path, 0 to 1: pixels cannot resolve steeper slopes. With
     /// 0.1, the circulation of the correct order of the goblet increases from 0.03 to 0.23; with
     /// 0.6, nearly half of its squares are lost.
-    pub least_z: f64,
+    pub min_z: f64,
     /// Smallest number of squares for a verdict, so that a few squares do not decide. The goblet,
     /// the narrowest of the real objects, has 63.
-    pub fewest_squares: usize,
+    pub min_squares: usize,
     /// Smallest share of twist (of x along y) in the total bending of the slopes for a verdict, 0
     /// to 1: a surface without twist closes in any order. Conclusive shapes have 0.14 to 0.34, an
     /// upright cylinder at most 0.02, from rounding to 5 bits.
-    pub least_twist: f64,
+    pub min_twist: f64,
     /// Circulation below which an order fits, 0 to 1. Correct orders reach 0.03, with 5 bits 0.11,
     /// with noise of 0.02 0.31. Pure noise has about 0.7 in any order, as does a noisy cylinder.
     pub closed: f64,
@@ -89,9 +89,9 @@ impl Default for OrientationSettings {
             most_away: 0.02,
             grossly_away: 0.2,
             cells: 24,
-            least_z: 0.3,
-            fewest_squares: 20,
-            least_twist: 0.05,
+            min_z: 0.3,
+            min_squares: 20,
+            min_twist: 0.05,
             closed: 0.35,
             open: 0.65,
             min_circulation_gain: 0.4,

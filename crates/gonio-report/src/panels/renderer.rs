@@ -11,8 +11,8 @@ use gonio::shape::{SurfacePoint, Visibility};
 use rayon::prelude::*;
 
 use super::PANEL;
-use super::gloss::{NarrowLobe, degree, split};
-use super::half_light::{HalfVectorLight, LEVELS, spline};
+use super::half_vector_light::{HalfVectorLight, LEVELS, spline};
+use super::narrow_lobe::{NarrowLobe, degree, split};
 
 /// Radius of a sphere in a panel, in pixels.
 pub(super) const RADIUS: f64 = 0.5 * PANEL as f64 - 2.0;

@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 use super::estimators::{Estimate, Estimator, Report};
 use super::grid::{Protocol, Unit};
 use super::renders::Render;
-use super::stage::Stage;
+use super::test_sphere::TestSphere;
 use crate::colour::picture;
 use crate::metrics::{Gloss, RgbRelight, brdf_error, coverage, luminances, mean, relight, relight_rgb};
 
@@ -130,7 +130,7 @@ pub(crate) struct GroundTruth<'a> {
     pub(crate) truth: (&'a BivariateTable, &'a ChromaField),
     /// Median colour of the photograph, of luminance one.
     pub(crate) median: Vec3,
-    pub(crate) stage: &'a Stage,
+    pub(crate) stage: &'a TestSphere,
     /// Name, relighting operators of red, green and blue, and reference picture of each light.
     pub(crate) lights: Vec<(&'a str, &'a [Relighter; 3], &'a Render)>,
     pub(crate) left_over: f64,
@@ -223,7 +223,7 @@ struct Coloured {
 }
 
 /// Encodes `scale` times a picture at the exposure of `like` as a PNG in base64.
-pub(crate) fn encoded(stage: &Stage, picture: &[Vec3], scale: f64, like: &[Vec3]) -> String {
+pub(crate) fn encoded(stage: &TestSphere, picture: &[Vec3], scale: f64, like: &[Vec3]) -> String {
     STANDARD.encode(stage.png(picture, scale, stage.exposure(&luminances(like))))
 }
 
@@ -249,7 +249,7 @@ mod tests {
         let table = BivariateTable::from_fn(|h, _| 0.1 + 2.0 * (-(h / 0.2).powi(2)).exp());
         let (chroma, wrong) = (Chroma([0.8, -0.6]), Chroma([-0.5, 0.4]));
         let field = ChromaField::uniform(chroma);
-        let stage = Stage::new(20);
+        let stage = TestSphere::new(20);
         let tree = LightTree::of_map(&map);
         let relighters = Relighter::of_channels(&stage.points, std::slice::from_ref(&table), &tree, &DRAFT);
         let truth = picture(&relighters, &field.tables(&table));

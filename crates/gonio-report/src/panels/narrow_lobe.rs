@@ -6,7 +6,7 @@ use std::f32::consts::{FRAC_PI_2, TAU};
 use glam::Vec3A;
 use gonio::reflectance::{BivariateTable, THETA_D, THETA_H};
 
-use super::half_light::{LEVELS, variances};
+use super::half_vector_light::{LEVELS, variances};
 
 /// Half angles in degrees between which the narrow share of a lobe falls from 1 to 0.
 const NARROW: (f32, f32) = (4.0, 12.0);

@@ -28,9 +28,9 @@ use crate::colour::{RELIT_NORMALS, picture, points};
 use crate::data::Lights;
 use crate::metrics::{brdf_error, coverage, luminances, mean, median, relight, relight_rgb};
 
-/// Options of `gonio-eval together`.
+/// MultiViewOptions of `gonio-eval together`.
 #[derive(clap::Args)]
-pub(crate) struct Options {
+pub(crate) struct MultiViewOptions {
     /// Model that was not learnt from the materials [default: the embedded model]
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
@@ -153,16 +153,16 @@ impl One {
     }
 }
 
-pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
+pub(crate) fn run(data: &Path, options: &MultiViewOptions) -> Result<()> {
     let model = match &options.model {
         Some(path) => gonio_io::model::read_model(path)?,
         None => gonio_io::model::embedded()?,
     };
     let lights = Lights::open(data)?;
     let maps: Vec<EnvironmentMap> = options.lights.iter().map(|name| lights.map(name)).collect::<Result<_>>()?;
-    let mut materials = crate::outside::rgl_tables(&data.join("rgl"))?;
+    let mut materials = crate::out_of_domain::rgl_tables(&data.join("rgl"))?;
     let grey = |table: BivariateTable| [table.clone(), table.clone(), table];
-    let formulas = crate::outside::formulas();
+    let formulas = crate::out_of_domain::formulas();
     materials.extend(formulas.into_iter().map(|(name, formula)| (name.to_owned(), grey(formula.to_bivariate()))));
     let mut all = Vec::new();
     for (name, rgb) in materials {

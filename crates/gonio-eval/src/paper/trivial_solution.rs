@@ -14,9 +14,9 @@ use gonio_paper::{JointMapSettings, Method, Posterior, VariationalSettings};
 use maud::{Markup, html};
 use rayon::prelude::*;
 
+use super::context::{LIGHTS, Material, NOVEL, PaperContext};
 use super::show;
 use super::step;
-use super::workshop::{LIGHTS, Material, NOVEL, PaperContext};
 use crate::metrics::Gloss;
 use gonio_report::page::chart::{self, Axis, Frame, Series};
 use gonio_report::page::{figure, table};
@@ -66,17 +66,17 @@ fn detail(light: &[f64]) -> f64 {
     (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
 }
 
-pub(super) fn section(workshop: &PaperContext) -> Result<Markup> {
-    let light = &workshop.lights[0];
-    let grid = workshop.test_lights.map(LIGHTS[0].0)?.to_grid(OctahedralMap::default(), GRID_SIDE);
+pub(super) fn section(context: &PaperContext) -> Result<Markup> {
+    let light = &context.lights[0];
+    let grid = context.test_lights.map(LIGHTS[0].0)?.to_grid(OctahedralMap::default(), GRID_SIDE);
     let true_light = grid.normalised_coefficients().context("a black light")?;
     let points = sphere_points(&ObservationSettings::default());
-    let plan = workshop.plan(&points)?;
+    let plan = context.plan(&points)?;
     let parts = PHOTOGRAPHED.iter().map(|name| {
         step(&format!("Fig. 1, {name}"), || {
-            let material = workshop.materials.iter().find(|m| m.name == *name).context("one of the materials")?;
+            let material = context.materials.iter().find(|m| m.name == *name).context("one of the materials")?;
             let image = plan.project(&show::luminances(&points, &material.full, light), 1e-5)?;
-            of_material(workshop, material, &image, &true_light)
+            of_material(context, material, &image, &true_light)
         })
     });
     let parts = parts.collect::<Result<Vec<_>>>()?;
@@ -94,7 +94,7 @@ pub(super) fn section(workshop: &PaperContext) -> Result<Markup> {
 }
 
 fn of_material(
-    workshop: &PaperContext,
+    context: &PaperContext,
     material: &Material,
     projected: &Projected,
     true_light: &[f64],
@@ -107,7 +107,7 @@ fn of_material(
     let joint = |max_iterations| Method::JointMap(JointMapSettings { starts: 1, max_iterations, ..Default::default() });
     let separable = Method::Variational(VariationalSettings { starts: 1, ..Default::default() });
     let explain = |hyper, method: &Method| {
-        Ok::<_, anyhow::Error>(Explanation::of(projected, workshop.infer_by(projected, hyper, method, name)?))
+        Ok::<_, anyhow::Error>(Explanation::of(projected, context.infer_by(projected, hyper, method, name)?))
     };
     let last = ITERATIONS[ITERATIONS.len() - 1];
     let levels: Vec<Hyperparameters> =
@@ -166,7 +166,7 @@ fn of_material(
             flat([ITERATIONS[0] as f64, last as f64], truth.peak),
         ],
     );
-    let pictures = pictures(workshop, &material.full, &joints, &separables);
+    let pictures = pictures(context, &material.full, &joints, &separables);
     let shown: Vec<(String, Markup)> = pictures
         .into_iter()
         .map(|(what, strip)| {
@@ -196,16 +196,16 @@ fn of_material(
 
 /// Strips of spheres in the novel light, the truth first, for each method.
 fn pictures(
-    workshop: &PaperContext,
+    context: &PaperContext,
     full: &gonio::reflectance::MerlTable,
     joints: &[Explanation],
     separables: &[Explanation],
 ) -> Vec<(String, gonio::picture::Plane<glam::Vec3>)> {
-    let truth = show::sphere(full, &workshop.novel);
+    let truth = show::sphere(full, &context.novel);
     let strip = |list: &[Explanation]| {
         let estimates = list.iter().map(|e| {
             let grey = Tinted { table: e.table.clone(), colour: glam::DVec3::ONE };
-            show::best_coloured(&show::sphere(&grey, &workshop.novel), &truth)
+            show::best_coloured(&show::sphere(&grey, &context.novel), &truth)
         });
         let all: Vec<Picture> = std::iter::once(truth.clone()).chain(estimates).collect();
         let exposure = show::exposure(&truth);

@@ -13,7 +13,7 @@ use gonio_io::cache::Cache;
 use gonio_paper::{JointMapSettings, Method, Posterior, Problem, VariationalSettings, infer};
 use gonio_paper::{Plan, PlanSettings, Projected};
 
-use super::{Estimator, Options};
+use super::{Estimator, PaperOptions};
 use crate::data::Lights;
 use crate::materials::{Materials, Source};
 
@@ -63,7 +63,7 @@ pub(super) struct PaperContext {
 }
 
 impl PaperContext {
-    pub(super) fn open(folder: &Path, options: &Options) -> Result<Self> {
+    pub(super) fn open(folder: &Path, options: &PaperOptions) -> Result<Self> {
         let (all, test_lights) = (Materials::open(folder, options.merl.as_deref())?, Lights::open(folder)?);
         let mut spread = Vec::new();
         let mut materials = Vec::new();

@@ -7,10 +7,10 @@ use gonio::estimate::Material;
 use gonio::model::Model;
 use gonio::reflectance::BivariateTable;
 
-use super::judge;
+use super::errors;
 use super::slice::Cell;
 use crate::metrics::{mean, median};
-use crate::together::joined;
+use crate::multi_view::joined;
 
 /// Errors of the estimate from one or more photographs.
 struct CombinedErrors {
@@ -58,9 +58,9 @@ impl CombinedErrors {
             (high.eval(c.theta_h, c.theta_d) / low.eval(c.theta_h, c.theta_d).max(1e-12)).ln()
         };
         Ok(Self {
-            slice: judge::slice_error(cells, &|h, d| material.table.eval(h, d)),
+            slice: errors::slice_error(cells, &|h, d| material.table.eval(h, d)),
             width: mean(&cells.iter().map(width).collect::<Vec<f64>>()),
-            coverage: judge::coverage(cells, &material.table, &quantiles),
+            coverage: errors::coverage(cells, &material.table, &quantiles),
         })
     }
 }

@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use crate::metrics::{Relight, mean, relight};
 
 /// Pixels of an orthographic picture that show a sphere.
-pub(crate) struct Stage {
+pub(crate) struct TestSphere {
     size: usize,
     /// Index of each pixel in the picture.
     pixels: Vec<usize>,
@@ -24,7 +24,7 @@ pub(crate) struct Stage {
 /// Background colour, sRGB.
 const BACKGROUND: [u8; 3] = [28, 29, 32];
 
-impl Stage {
+impl TestSphere {
     /// Builds a sphere that fills a picture of `size` by `size` pixels.
     pub(crate) fn new(size: usize) -> Self {
         let radius = 0.5 * size as f64 - 0.5;
@@ -98,7 +98,7 @@ mod tests {
 
     #[test]
     fn a_sphere_fills_the_picture() {
-        let stage = Stage::new(64);
+        let stage = TestSphere::new(64);
         let share = stage.points.len() as f64 / (64.0 * 64.0);
         assert!((share - std::f64::consts::FRAC_PI_4).abs() < 0.05, "{share}");
         assert!(stage.points.iter().all(|p| (p.normal.length() - 1.0).abs() < 1e-9));
@@ -109,7 +109,7 @@ mod tests {
 
     #[test]
     fn each_point_is_nearest_to_itself() {
-        let stage = Stage::new(16);
+        let stage = TestSphere::new(16);
         assert_eq!(stage.nearest(&stage.points), (0..stage.points.len()).collect::<Vec<_>>());
     }
 }

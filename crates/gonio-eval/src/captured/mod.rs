@@ -1,8 +1,8 @@
 //! `gonio-eval captured`: evaluates the default method on photographs of real objects, against
 //! their measured BRDF and their photographs in other lights.
 //!
-//! [`object`] and [`slice`](mod@slice) hold the captured data, and [`judge`] measures the errors of
-//! a BRDF against them. [`study`] estimates from each photograph, [`several`] from several
+//! [`object`] and [`slice`](mod@slice) hold the captured data, and [`errors`] compares a BRDF with
+//! them. [`study`] estimates from each photograph, [`multi_view`] from several
 //! photographs together. [`report`] writes the tables and [`page`] the pictures.
 //!
 //! Each estimate is compared with three references. The first is a Lambertian surface. The second

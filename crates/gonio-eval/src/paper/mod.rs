@@ -1,10 +1,11 @@
 //! `gonio-eval paper`: reproduces every figure and table of the paper from the data, as one HTML
 //! file.
 //!
-//! One file per figure: [`trivial`] (Fig. 1), [`lighting`] (Fig. 2), [`reflectance`] (Fig. 3),
-//! [`appearance`] (Fig. 4), [`stability`] (Fig. 5), [`captured`] (Fig. 6), [`gloss`] (the remark on
-//! Fig. 6). [`context`] holds the data, model and estimator that they share. [`recovery`] computes
-//! the estimates of Figs. 4, 5 and of the gloss order once. [`show`] converts radiance to pictures.
+//! One file per figure: [`trivial_solution`] (Fig. 1), [`lighting`] (Fig. 2), [`reflectance`] (Fig.
+//! 3), [`appearance`] (Fig. 4), [`stability`] (Fig. 5), [`captured`] (Fig. 6), [`gloss`] (the
+//! remark on Fig. 6). [`context`] holds the data, model and estimator that they share. [`recovery`]
+//! computes the estimates of Figs. 4, 5 and of the gloss order once. [`show`] converts radiance to
+//! pictures.
 
 mod appearance;
 mod captured;

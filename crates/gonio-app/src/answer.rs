@@ -141,7 +141,8 @@ impl<'a> InferenceContext<'a> {
 
     /// Returns the settings of observations.
     pub(crate) fn observing(&self, settings: &Settings<'_>) -> Observing {
-        (self.observing, settings.shadows.then_some((self.model.light.map, settings.side)))
+        let shadows = settings.shadows.then_some((self.model.light.map, settings.side));
+        Observing { settings: self.observing, shadows }
     }
 }
 

@@ -4,12 +4,12 @@ use std::sync::Arc;
 
 use glam::Vec3;
 use gonio::picture::{Picture, Plane};
-use gonio::scene::{Circle, DetectedShape, ObservationSettings};
+use gonio::scene::{Circle, DetectedShape};
 use gonio_report::check::{draw, draw_candidates};
 use serde_json::{Value, json};
 
 use crate::regions::{Regions, region_masks, shows_several_balls};
-use crate::scene::RegionMask;
+use crate::scene::{Observing, RegionMask};
 use crate::{AppError, ObservedScene, Photograph, ProgressLog, Scene, Warning};
 
 /// Result of checking a photograph.
@@ -66,9 +66,8 @@ pub fn check(
     let mut warnings = Vec::new();
     let scene = scene.load(&mut warnings, progress_log)?;
     let regions = regions.or_else(|| shows_several_balls(&scene).then_some(Regions::Balls));
-    let mut look = |region: Option<&RegionMask>| {
-        scene.observe(region, (ObservationSettings::default(), None), &mut warnings, progress_log)
-    };
+    let mut look =
+        |region: Option<&RegionMask>| scene.observe(region, Observing::default(), &mut warnings, progress_log);
     let objects = match &regions {
         None => {
             let seen = look(None).map_err(|problem| CheckError::of(problem, scene.picture()))?;

@@ -11,6 +11,29 @@ use gonio_io::posterior::{FILE, SavedPosterior};
 use crate::results::brdf_in;
 use crate::{AppError, read_brdf};
 
+/// The reason why a folder of results has no draws.
+pub enum DrawsError {
+    /// The posterior belongs to another model.
+    OtherModel(AppError),
+    /// The folder has no BRDF or no posterior, or a file is damaged.
+    Unreadable(AppError),
+}
+
+impl DrawsError {
+    /// Returns the message.
+    pub fn into_inner(self) -> AppError {
+        match self {
+            Self::OtherModel(error) | Self::Unreadable(error) => error,
+        }
+    }
+}
+
+impl<E: Into<AppError>> From<E> for DrawsError {
+    fn from(error: E) -> Self {
+        Self::Unreadable(error.into())
+    }
+}
+
 /// Returns posterior predictive draws of the BRDF in a folder of results, in 1/sr and linear Rec.
 /// 709, from dull to glossy.
 ///
@@ -20,25 +43,23 @@ use crate::{AppError, read_brdf};
 ///
 /// # Errors
 /// If the folder has no BRDF or no posterior, a file is damaged, or the posterior belongs to
-/// another model.
+/// another model ([`DrawsError::OtherModel`]).
 pub fn of_result(
     folder: &Path,
     (model, model_name): (&Model, &str),
     count: usize,
     seed: u64,
-) -> Result<Vec<[BivariateTable; 3]>, AppError> {
+) -> Result<Vec<[BivariateTable; 3]>, DrawsError> {
     let name = folder.display();
     let Some(file) = brdf_in(folder).filter(|_| folder.join(FILE).is_file()) else {
         let problem =
             format!("does not contain a BRDF and {FILE}; specify a result folder of the learnt or known-light method");
-        return Err(AppError::of(name, problem));
+        return Err(AppError::of(name, problem).into());
     };
     let saved = SavedPosterior::read(folder)?;
     let drawn = predictive_draws(model, &saved.likelihood, count, seed).map_err(|_| {
-        AppError::of(
-            name,
-            format!("was inferred with another model than {model_name}; specify that model with --model"),
-        )
+        let problem = format!("was inferred with another model than {model_name}; specify that model with --model");
+        DrawsError::OtherModel(AppError::of(name, problem))
     })?;
     let table = read_brdf(&file)?;
     let estimate = [0, 1, 2].map(|c| table.bivariate(c));

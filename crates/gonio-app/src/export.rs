@@ -170,6 +170,7 @@ impl Export {
             tables = tables.map(|table| table.scaled(scale));
             fitter = fitter.scaled(scale);
         }
+        let draws = if targets.iter().any(|target| target.is_fitted()) { draws } else { Vec::new() };
         let draws = draws.into_par_iter().map(|draw| fitter.of_draw(&draw.map(|table| table.scaled(scale)))).collect();
         let found = light.is_some();
         let mut writer = Writer {

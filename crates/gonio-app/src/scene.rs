@@ -82,9 +82,14 @@ impl ObservedScene {
     }
 }
 
-/// Settings of an observation that depend on the method: normals and weights, and the map and the
-/// side of the grid on which self-shadowing is computed; `None` ignores it.
-pub(crate) type Observing = (ObservationSettings, Option<(OctahedralMap, usize)>);
+/// Settings of an observation that depend on the method.
+#[derive(Clone, Copy, Default)]
+pub(crate) struct Observing {
+    /// Points and weights.
+    pub(crate) settings: ObservationSettings,
+    /// Map and side of the grid on which self-shadowing is computed; `None` ignores it.
+    pub(crate) shadows: Option<(OctahedralMap, usize)>,
+}
 
 impl Scene {
     /// Reads the files. Reports the stage `reading`.
@@ -139,7 +144,7 @@ impl LoadedScene {
     pub(crate) fn observe(
         &self,
         region: Option<&RegionMask>,
-        (settings, shadows): Observing,
+        Observing { settings, shadows }: Observing,
         warnings: &mut Vec<Warning>,
         progress_log: &ProgressLog<'_>,
     ) -> Result<ObservedScene, AppError> {
@@ -216,28 +221,36 @@ pub(crate) struct InputNames {
     image: String,
     mask: Option<String>,
     shape: Option<String>,
+    /// Whether the shape is a normal map, to which the mask belongs.
+    by_normals: bool,
     /// The depth or position map.
     places: Option<String>,
-    /// The photograph and all inputs for the shape.
-    whole: String,
 }
 
 impl InputNames {
     fn of(image: &str, mask: Option<&Source<Plane<f32>>>, shape: &Shape) -> Self {
-        let (mask, places) = (mask.map(|mask| mask.name(UNNAMED_MASK)), shape.places());
-        let by_normals = matches!(shape.kind, crate::ShapeKind::Normals(_));
-        let shape = shape.name();
-        let whole = match (&shape, &mask) {
-            (Some(shape), Some(mask)) if by_normals => format!("{image} with {shape} and {mask}"),
-            (Some(shape), _) => format!("{image} with {shape}"),
-            (None, _) => image.to_owned(),
-        };
-        Self { image: image.to_owned(), mask, shape, places, whole }
+        Self {
+            image: image.to_owned(),
+            mask: mask.map(|mask| mask.name(UNNAMED_MASK)),
+            shape: shape.name(),
+            by_normals: matches!(shape.kind, crate::ShapeKind::Normals(_)),
+            places: shape.places(),
+        }
     }
 
     /// Returns the names for a region, whose mask is not a file.
     fn of_region(&self) -> Self {
         Self { mask: Some(UNNAMED_MASK.to_owned()), ..self.clone() }
+    }
+
+    /// Returns the name of the photograph with all inputs for the shape.
+    fn whole(&self) -> String {
+        let image = &self.image;
+        match (&self.shape, &self.mask) {
+            (Some(shape), Some(mask)) if self.by_normals => format!("{image} with {shape} and {mask}"),
+            (Some(shape), _) => format!("{image} with {shape}"),
+            (None, _) => image.clone(),
+        }
     }
 
     /// Returns the error, with the faulty input.
@@ -246,13 +259,13 @@ impl InputNames {
     }
 
     /// Returns the name of the faulty input.
-    pub(crate) fn origin(&self, error: &SceneError) -> &str {
+    pub(crate) fn origin(&self, error: &SceneError) -> String {
         match error {
             // An error in the outline concerns the input from which it was detected.
-            error if error.is_of_outline() => self.mask.as_ref().unwrap_or(&self.image),
-            SceneError::Contradiction(_) => self.shape.as_ref().unwrap_or(&self.image),
-            SceneError::PositionMap(_) => self.places.as_ref().unwrap_or(&self.image),
-            _ => &self.whole,
+            error if error.is_of_outline() => self.mask.as_ref().unwrap_or(&self.image).clone(),
+            SceneError::Contradiction(_) => self.shape.as_ref().unwrap_or(&self.image).clone(),
+            SceneError::PositionMap(_) => self.places.as_ref().unwrap_or(&self.image).clone(),
+            _ => self.whole(),
         }
     }
 
@@ -269,7 +282,7 @@ impl InputNames {
             SceneWarning::Contradiction(_) | SceneWarning::FlatBackground { .. } => {
                 format!("{}: {odd}", self.shape.as_ref().unwrap_or(&self.image))
             }
-            SceneWarning::Misplaced { .. } | SceneWarning::Inside { .. } => format!("{}: {odd}", self.whole),
+            SceneWarning::Misplaced { .. } | SceneWarning::Inside { .. } => format!("{}: {odd}", self.whole()),
         };
         Warning::new(text, odd.suggestions())
     }

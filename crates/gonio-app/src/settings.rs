@@ -39,7 +39,8 @@ pub enum Method {
     KnownLight(KnownLight),
     /// A method of the paper under unknown light. [`Settings::side`] replaces the side.
     Paper(PaperSettings),
-    /// Basis coefficients under a known light, as in the paper.
+    /// Basis coefficients under a known light, as in the paper. [`Settings::side`] replaces the
+    /// side.
     KnownLightBasis(PaperSettings, Source<EnvironmentMap>),
 }
 

@@ -1,6 +1,7 @@
 //! Reads the shape of an object and its camera from files or memory.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use glam::{DVec3, Vec3};
 use gonio::picture::Plane;
@@ -203,7 +204,7 @@ impl NormalMap {
             }
         };
         let picture = NormalPicture { normals, camera, relief, trusted: self.trusted, error: self.error };
-        Ok((Object::Normals(Box::new(picture)), ShapeOrigin { mesh: None, geometry }))
+        Ok((Object::Normals(Arc::new(picture)), ShapeOrigin { mesh: None, geometry }))
     }
 }
 

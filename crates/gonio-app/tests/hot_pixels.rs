@@ -1,6 +1,7 @@
 //! Tests that one wrong pixel in the sample photograph changes no interval.
 
 use std::path::Path;
+use std::sync::Arc;
 
 use glam::{DVec3, Vec3};
 use gonio::estimate::{Alignment, ColouringRule, Material, estimate_known_light};
@@ -97,7 +98,7 @@ fn one_wrong_pixel_changes_no_interval_of_an_object_with_normals() {
     let normals = normals(&picture);
     let seen = |picture: &Picture| {
         let view = NormalPicture { normals: normals.clone(), camera: None, relief: None, trusted: true, error: 0.0 };
-        Detection::of(picture, None, Object::Normals(Box::new(view)), &ObservationSettings::default()).unwrap()
+        Detection::of(picture, None, Object::Normals(Arc::new(view)), &ObservationSettings::default()).unwrap()
     };
     let clean_weights = seen(&picture).observations.weights;
     let clean = ends(&model, &seen(&picture));

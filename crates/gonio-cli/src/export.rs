@@ -8,7 +8,7 @@ use clap::ValueEnum;
 use clap::builder::PossibleValue;
 use gonio::reflectance::BivariateTable;
 use gonio_app::Spaces;
-use gonio_app::draws;
+use gonio_app::draws::{self, DrawsError};
 use gonio_app::export::{DRAWS, Export, Target, is_absolute, light_of_results};
 use gonio_app::folder::{EXPORT, for_exports};
 use gonio_app::results::{BRDF, brdf_in};
@@ -164,17 +164,37 @@ const SEED: u64 = 0;
 
 /// Returns draws from the posterior of a folder of results, if it has one, or a warning if the
 /// posterior belongs to another model.
+///
+/// # Errors
+/// If `--draws` or `--model` is given and intervals cannot be computed.
 fn drawn(options: &ExportOptions, is_folder: bool) -> Result<(Vec<[BivariateTable; 3]>, Option<String>)> {
     let count = options.draws.map_or(DRAWS, |draws| draws as usize);
-    let is_fitted = wanted(options).into_iter().any(Target::is_fitted);
-    if count == 0 || !is_fitted || !is_folder || !options.input.join(FILE).is_file() {
+    if count == 0 {
         return Ok((Vec::new(), None));
+    }
+    let obstacle = if !wanted(options).into_iter().any(Target::is_fitted) {
+        Some("--draws and --model apply to fitted models, and --to specifies none; remove these options".into())
+    } else if !is_folder || !options.input.join(FILE).is_file() {
+        Some(format!(
+            "{}: does not contain a posterior, so the parameters have no intervals; specify a result folder of the learnt or known-light method, or remove --draws and --model",
+            options.input.display()
+        ))
+    } else {
+        None
+    };
+    let is_requested = options.draws.is_some() || options.model.is_some();
+    match obstacle {
+        Some(obstacle) if is_requested => bail!(obstacle),
+        Some(_) => return Ok((Vec::new(), None)),
+        None => {}
     }
     let (model, name) = input::model(options.model.as_deref())?;
     match draws::of_result(&options.input, (&model, &name), count, SEED) {
         Ok(draws) => Ok((draws, None)),
-        Err(error) if options.draws.is_some() || options.model.is_some() => Err(plain(error)),
-        Err(error) => Ok((Vec::new(), Some(format!("{}; the parameters have no intervals", plain(error))))),
+        Err(DrawsError::OtherModel(error)) if !is_requested => {
+            Ok((Vec::new(), Some(format!("{}; the parameters have no intervals", plain(error)))))
+        }
+        Err(error) => Err(plain(error.into_inner())),
     }
 }
 

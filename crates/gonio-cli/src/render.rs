@@ -174,7 +174,7 @@ impl RenderOptions {
             _ => &self.brdf,
         };
         let (model, name) = input::model(self.model.as_deref())?;
-        draws::of_result(folder, (&model, &name), count, self.seed).map_err(plain)
+        draws::of_result(folder, (&model, &name), count, self.seed).map_err(|error| plain(error.into_inner()))
     }
 }
 

@@ -34,7 +34,7 @@ const HALF_WIDTHS: [f64; 2] = [2.353, 0.765];
 /// there.
 const DARK: f64 = 1e-3;
 
-/// CalibrationOptions of `gonio-eval calibration`.
+/// Options of `gonio-eval calibration`.
 #[derive(clap::Args)]
 pub(crate) struct CalibrationOptions {
     /// Lights of the photographs

@@ -25,7 +25,7 @@ use crate::materials::Materials;
 use crate::metrics::{Gloss, coverage, mean, median, relight};
 use crate::posteriors::{Effort, load_or_train};
 
-/// CameraOptions of `gonio-eval camera`.
+/// Options of `gonio-eval camera`.
 #[derive(clap::Args)]
 pub(crate) struct CameraOptions {
     /// Folder of the MERL database [default: DATA/merl]

@@ -28,7 +28,7 @@ use crate::materials::Materials;
 use crate::metrics::{mean, median};
 use crate::posteriors::{ball, on_disk};
 
-/// LightsOptions of `gonio-eval lights`.
+/// Options of `gonio-eval lights`.
 #[derive(clap::Args)]
 pub(crate) struct LightsOptions {
     /// Folder for `lights.csv`, one line for each estimated light

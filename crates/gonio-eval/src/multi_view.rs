@@ -1,4 +1,4 @@
-//! `gonio-eval together`: measures errors of estimates from several photographs of one material,
+//! `gonio-eval multi-view`: measures errors of estimates from several photographs of one material,
 //! and from a photograph of several materials under one light.
 //!
 //! Materials are those outside of the MERL database (`DATA/rgl` and formulas), and the model was
@@ -28,7 +28,7 @@ use crate::colour::{RELIT_NORMALS, picture, points};
 use crate::data::Lights;
 use crate::metrics::{brdf_error, coverage, luminances, mean, median, relight, relight_rgb};
 
-/// MultiViewOptions of `gonio-eval together`.
+/// Options of `gonio-eval multi-view`.
 #[derive(clap::Args)]
 pub(crate) struct MultiViewOptions {
     /// Model that was not learnt from the materials [default: the embedded model]

@@ -31,7 +31,7 @@ const BALL_SIDE: usize = 288;
 /// Number of samples along each side of a pixel.
 const SAMPLES: usize = 4;
 
-/// OutlinesOptions of `gonio-eval outlines`.
+/// Options of `gonio-eval outlines`.
 #[derive(clap::Args)]
 pub(crate) struct OutlinesOptions {
     /// Number of photographs

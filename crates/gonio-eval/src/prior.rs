@@ -29,7 +29,7 @@ const VALUE_FLOOR: f64 = 1e-5;
 /// Number of draws in a tested interval: those that resemble a material best.
 const NEIGHBOURS: usize = 150;
 
-/// PriorOptions of `gonio-eval prior`.
+/// Options of `gonio-eval prior`.
 #[derive(clap::Args)]
 pub(crate) struct PriorOptions {
     /// Build the prior also from the 41 extra measurements, instead of testing with them

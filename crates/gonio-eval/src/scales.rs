@@ -20,7 +20,7 @@ use crate::multi_view::photograph;
 /// Rows to which a light map is reduced, and texels along a side of the grid of its irradiance.
 const GRID: (usize, usize) = (512, 128);
 
-/// ScalesOptions of `gonio-eval scales`.
+/// Options of `gonio-eval scales`.
 #[derive(clap::Args)]
 pub(crate) struct ScalesOptions {
     /// Model to use instead of the embedded one

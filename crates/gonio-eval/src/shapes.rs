@@ -27,7 +27,7 @@ use crate::materials::Materials;
 use crate::metrics::{brdf_error, median};
 use crate::posteriors::{Learning, load_or_train};
 
-/// ShapesOptions of `gonio-eval shapes`.
+/// Options of `gonio-eval shapes`.
 #[derive(clap::Args)]
 pub(crate) struct ShapesOptions {
     /// Folder for `shapes.csv`, one line for each estimate
@@ -165,7 +165,7 @@ impl Study<'_> {
         // The points do not depend on the values of the picture, so a uniform picture gives them.
         let blank = Picture { rgb: Plane::from_fn(camera.size.0, camera.size.1, |_, _| Vec3::ONE), alpha: None };
         let settings = ObservationSettings { clip: Some(f32::MAX), ..ObservationSettings::default() };
-        let plan = TransferSettings::default();
+        let transfer = TransferSettings::default();
         let open = Observations::of_view(&blank, &view, None, &settings)?;
         let clear: Vec<DVec3> = open
             .pixels
@@ -176,7 +176,7 @@ impl Study<'_> {
         let tables: Vec<BivariateTable> = self.subjects.iter().map(|(_, table)| table.clone()).collect();
         let photographs = Relighter::of_surface(&open.points, (surface.as_ref(), &clear), &tables, light, &ACCURACY);
         let mut shadowed = open.clone();
-        shadowed.shadowed_by(surface.as_ref(), camera, (self.prior.map, plan.side), &|_| ())?;
+        shadowed.shadowed_by(surface.as_ref(), camera, (self.prior.map, transfer.side), &|_| ())?;
         for (material, table) in self.subjects {
             let mut values = photographs.render(table);
             add_noise(&mut values, NOISE, &format!("{shape} {name} {material}"));
@@ -192,7 +192,7 @@ impl Study<'_> {
                     &observations,
                     self.learnt,
                     self.prior,
-                    &plan,
+                    &transfer,
                     &SphereEquivalentSettings::default(),
                 )?;
                 let estimate = self.learnt.posterior(&found.image).mean;

@@ -8,6 +8,7 @@
 use std::f64::consts::TAU;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use anyhow::{Context, Result, bail};
 use glam::{DMat4, DVec3, Vec3};
@@ -27,7 +28,7 @@ use crate::data::Lights;
 use crate::materials::Materials;
 use crate::metrics::{coverage, mean, median};
 
-/// SilhouettesOptions of `gonio-eval silhouettes`.
+/// Options of `gonio-eval silhouettes`.
 #[derive(clap::Args)]
 pub(crate) struct SilhouettesOptions {
     /// Folder for `silhouettes.csv`, one line for each estimate
@@ -267,7 +268,7 @@ pub(crate) fn run(data: &Path, options: &SilhouettesOptions) -> Result<()> {
                         Known::Wrong => {
                             let wrong = options.wrong.unwrap_or_default();
                             let normals = GeometryBuffer::of(scene.surface.as_ref(), &scene.camera).normals;
-                            Object::Normals(Box::new(NormalPicture {
+                            Object::Normals(Arc::new(NormalPicture {
                                 normals: with_errors(&normals, wrong.to_radians(), &format!("{shape} {light} {name}")),
                                 camera: Some(scene.camera),
                                 relief: None,

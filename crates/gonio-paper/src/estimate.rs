@@ -45,13 +45,14 @@ pub struct PaperSettings {
     pub method: PaperMethod,
     /// Number of texels along a side of the light grid, a power of two.
     pub side: usize,
-    /// Solver of the separable posterior.
+    /// Solver of the separable posterior under unknown light, unless [`Self::as_printed`].
     pub solver: Solver,
     /// Random starts, at least one.
     pub starts: usize,
     /// Seed of the random starts.
     pub seed: u64,
-    /// Use the priors and starts of the paper, and Algorithm 1 as printed.
+    /// Use vague priors of noise and exposure, random starts and Algorithm 1 as printed. The prior
+    /// of light is that of the model.
     pub as_printed: bool,
     /// Use all observations instead of their projection.
     pub full_rows: bool,
@@ -169,14 +170,15 @@ impl From<TransferError> for PaperError {
     }
 }
 
-/// Source of plans, such as a cache; the default is [`Plan::build`].
+/// Source of plans: a cache, or a call of [`Plan::build`]. It reports its own progress.
 pub type PlanSource<'a> =
     dyn Fn(Points<'_>, &[BivariateTable], &LightPrior, &PlanSettings) -> Result<Plan, PlanError> + 'a;
 
 /// Estimates reflectance, and the light unless it is known, by a method of the paper.
 ///
-/// `light` is the known light, in camera space. `plans` supplies the plan of an unknown light.
-/// `progress` receives each stage with a fraction in 0..=1.
+/// `light` is the known light, in camera space. `plans` supplies the plan under an unknown light.
+/// `progress` receives each stage with a fraction in 0..=1; under an unknown light, only the start
+/// of [`PaperStage::Plan`].
 ///
 /// # Errors
 /// If there are too few observations, the model's prior does not cover the grid, or the image is

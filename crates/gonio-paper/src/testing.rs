@@ -1,4 +1,7 @@
 //! Helpers for tests of several modules.
+//!
+//! Some are copies of helpers in `gonio`. A shared crate of test helpers would depend on `gonio`,
+//! and its types would differ from those in the unit tests of `gonio`.
 
 use std::collections::BTreeMap;
 use std::sync::Mutex;

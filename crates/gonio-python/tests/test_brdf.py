@@ -100,6 +100,7 @@ def test_exports_all_targets_of_the_program(found, tmp_path):
     assert gonio.read_merl(tmp_path / "some" / "brdf.binary").albedo == pytest.approx(0.3, rel=1e-3)
     with pytest.raises(gonio.GonioError, match='to "word": must be among merl, '):
         found.export(tmp_path / "wrong", "word")
+    assert not (tmp_path / "wrong").exists()
 
 
 def test_fitted_parameters_have_intervals(found, tmp_path):

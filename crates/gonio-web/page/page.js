@@ -237,6 +237,10 @@
 
   function failed({ refused, message, product }) {
     if (product && buttonOf(product)) buttonOf(product).disabled = false;
+    if (refused && !at("results").hidden) {
+      for (const id of ["found", "words", "light", "cells"]) at(id).hidden = true;
+      return trouble(message, "Correct the outline of the ball on the photograph, or drop another one.");
+    }
     if (refused) return trouble(message, "Drop the photograph again, or another one.");
     run.worker.terminate();
     trouble(`The computation stopped: ${message}`, "The file may be damaged or too large for this browser. Drop another one.");

@@ -75,7 +75,8 @@ impl Session {
     /// Estimates the light on a grid of `side` texels per side. Returns JSON.
     ///
     /// # Errors
-    /// If the prior does not support the grid.
+    /// If the prior does not support the grid, or a light on the grid of the program does not
+    /// reproduce the photograph.
     pub fn light(&mut self, side: usize) -> Result<String, String> {
         self.0.light(side).map(|notes| notes.to_string())
     }

@@ -107,6 +107,7 @@ impl Session {
     /// # Errors
     /// If the ball has too few usable pixels.
     pub fn observe(&mut self, outline: Option<&[f64]>) -> Result<Value, String> {
+        (self.detection, self.material, self.estimate) = (None, None, None);
         let circle = match outline {
             None => None,
             Some(&[x, y, radius]) if radius > 0.0 => Some(Circle { x, y, radius }),
@@ -158,12 +159,14 @@ impl Session {
             "materials": views,
             "lights": builtin_lights(ROWS).iter().map(|(name, map)| sphere::light(name, map.radiance())).collect::<Vec<_>>(),
         });
-        self.material = Some(found);
+        (self.material, self.estimate) = (Some(found), None);
         Ok(notes)
     }
 
     /// Estimates the light on a grid of `side` texels per side; a coarse grid is faster. The
-    /// session keeps the last light. The result includes the diagnostics of the whole estimate.
+    /// session keeps the last light. The result includes the diagnostics: on coarser grids than
+    /// that of the program, only those of the material, because the misfit there exceeds the
+    /// expected one.
     ///
     /// # Errors
     /// If the material has not been estimated yet, the prior does not support the grid, or a light
@@ -176,14 +179,17 @@ impl Session {
             .with_light(&self.model, &detection.observations, &settings, &|_| ())
             .map_err(|error| self.blamed(&error))?;
         let misfit = estimate.light.misfit;
-        if let Some(error) = contradiction(&self.name, misfit).filter(|_| side == program.side) {
+        let is_final = side == program.side;
+        if let Some(error) = contradiction(&self.name, misfit).filter(|_| is_final) {
+            self.estimate = None;
             return Err(error.to_string());
         }
+        let diagnostics = if is_final { estimate.diagnostics() } else { estimate.material.diagnostics() };
         let radiance = sphere::lit(&estimate.light_in_colour());
         let notes = json!({
             "side": side,
             "misfit": misfit,
-            "diagnostics": estimate.diagnostics().iter().map(ToString::to_string).collect::<Vec<_>>(),
+            "diagnostics": diagnostics.iter().map(ToString::to_string).collect::<Vec<_>>(),
             "png": png(&preview::light(&radiance)),
             "light": sphere::light("estimated light", &radiance),
         });

@@ -233,7 +233,7 @@ mod tests {
 
         let components = bill["components"].as_array().unwrap();
         let find = |name: &str| components.iter().find(|c| c["name"] == name);
-        for own in ["gonio", "gonio-app", "gonio-io", "gonio-report", "gonio-train"] {
+        for own in ["gonio", "gonio-app", "gonio-io", "gonio-linalg", "gonio-paper", "gonio-report", "gonio-train"] {
             let own = find(own).unwrap_or_else(|| panic!("no {own}"));
             assert_eq!(own["licenses"][0]["expression"], "MIT OR Apache-2.0");
             assert!(own["purl"].is_null() && own["hashes"].is_null(), "{own}");

@@ -116,4 +116,11 @@ fn exported_parameters_have_intervals() {
     assert!(entries["merl"]["intervals"].is_null());
     bench.run("export out -o plain --to mtlx --draws 0").succeeds();
     assert!(bench.json("plain/export.json")["exports"]["mtlx"]["intervals"].is_null());
+    // Without a posterior or a fitted model there are no intervals; only --draws needs them.
+    bench.run("export out/brdf.npz -o file --to mtlx").succeeds();
+    bench.run("export out -o table --to merl").succeeds();
+    bench.refuses("export out/brdf.npz -o none --to mtlx --draws 8", &["posterior", "--draws"]);
+    bench.refuses("export out -o none --to merl --draws 8", &["fitted", "--draws"]);
+    bench.write("out/posterior.json", b"{}");
+    bench.refuses("export out -o none --to mtlx", &["posterior.json"]);
 }

@@ -11,8 +11,7 @@ use gonio::inference::learnt::MaterialPosterior;
 use gonio::lighting::EnvironmentMap;
 use gonio::reflectance::BivariateTable;
 use gonio::scene::Observations;
-use gonio_paper::Projected;
-use gonio_paper::{JointMapSettings, Method, Posterior, Problem, Solver, VariationalSettings, infer};
+use gonio_paper::{JointMapSettings, Method, Posterior, Problem, Projected, Solver, VariationalSettings, infer};
 use serde::{Deserialize, Serialize};
 
 use super::learning::{LearntModels, MaterialSpace};

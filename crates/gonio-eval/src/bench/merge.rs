@@ -7,7 +7,7 @@ use anyhow::{Result, bail};
 use super::report;
 use super::store::Store;
 
-/// BenchOptions of `gonio-eval merge`.
+/// Options of `gonio-eval merge`.
 #[derive(clap::Args)]
 pub(crate) struct MergeOptions {
     /// Output folders of `gonio-eval bench --shard`

@@ -1,11 +1,10 @@
-//! BenchOptions of a run, and the grid that they select.
+//! Options of a run, and the grid that they select.
 
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
 use gonio::inference::Hyperparameters;
-use gonio_paper::PlanSettings;
-use gonio_paper::VariationalSettings;
+use gonio_paper::{PlanSettings, VariationalSettings};
 use serde::{Deserialize, Serialize};
 
 use super::estimators::Estimator;
@@ -15,7 +14,7 @@ use crate::data::Lights;
 use crate::materials::Materials;
 use crate::posteriors::Effort;
 
-/// BenchOptions of `gonio-eval bench`.
+/// Options of `gonio-eval bench`.
 #[derive(clap::Args)]
 #[command(args_override_self = true)]
 pub(crate) struct BenchOptions {

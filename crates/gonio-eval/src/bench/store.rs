@@ -48,7 +48,7 @@ pub(crate) struct Conditions {
 }
 
 /// Version of [`Record`] and of the meaning of its numbers.
-pub(crate) const VERSION: u32 = 5;
+pub(crate) const VERSION: u32 = 6;
 const CONDITIONS: &str = "conditions.json";
 const CELLS: &str = "cells";
 

@@ -27,7 +27,7 @@ use anyhow::{Context, Result, bail};
 pub(crate) use object::{Captured, reflected};
 pub(crate) use slice::Cell;
 
-/// CapturedOptions of `gonio-eval captured`.
+/// Options of `gonio-eval captured`.
 #[derive(clap::Args)]
 pub(crate) struct CapturedOptions {
     /// Model to use instead of the embedded one

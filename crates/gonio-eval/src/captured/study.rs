@@ -1,5 +1,6 @@
 //! Estimates of the default method from each photograph of an object.
 
+use std::sync::Arc;
 use std::time::Instant;
 
 use anyhow::{Result, bail};
@@ -205,7 +206,7 @@ fn estimate(object: &Captured, seen: usize, model: &Model, given: EstimateInputs
     let mut detection = Detection::of(
         &object.photographs[seen].picture,
         Some(object.mask.clone()),
-        if given.normals { Object::Normals(Box::new(normals())) } else { Object::Outline },
+        if given.normals { Object::Normals(Arc::new(normals())) } else { Object::Outline },
         &ObservationSettings::default(),
     )?;
     let median = |detection: &Detection, table: &BivariateTable| {

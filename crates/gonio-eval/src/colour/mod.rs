@@ -32,7 +32,7 @@ use crate::posteriors;
 use estimators::Found;
 pub(crate) use estimators::{ColourEstimator, Photograph};
 
-/// ColourOptions of `gonio-eval colour`.
+/// Options of `gonio-eval colour`.
 #[derive(clap::Args)]
 pub(crate) struct ColourOptions {
     /// Folder for `colour.csv`, one line for each estimate

@@ -10,8 +10,9 @@ use gonio::render::LightTree;
 use gonio::shape::SurfacePoint;
 use gonio_app::plan::load_or_build;
 use gonio_io::cache::Cache;
-use gonio_paper::{JointMapSettings, Method, Posterior, Problem, VariationalSettings, infer};
-use gonio_paper::{Plan, PlanSettings, Projected};
+use gonio_paper::{
+    JointMapSettings, Method, Plan, PlanSettings, Posterior, Problem, Projected, VariationalSettings, infer,
+};
 
 use super::{Estimator, PaperOptions};
 use crate::data::Lights;

@@ -27,7 +27,7 @@ use maud::html;
 use context::PaperContext;
 use gonio_report::page::{Section, document};
 
-/// PaperOptions of `gonio-eval paper`.
+/// Options of `gonio-eval paper`.
 #[derive(clap::Args)]
 pub(crate) struct PaperOptions {
     /// HTML file of the report

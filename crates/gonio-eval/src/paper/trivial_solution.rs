@@ -9,8 +9,7 @@ use gonio::reflectance::BivariateTable;
 use gonio::render::Tinted;
 use gonio::scene::{ObservationSettings, sphere_points};
 use gonio::sphere::{OctahedralMap, Wavelet};
-use gonio_paper::Projected;
-use gonio_paper::{JointMapSettings, Method, Posterior, VariationalSettings};
+use gonio_paper::{JointMapSettings, Method, Posterior, Projected, VariationalSettings};
 use maud::{Markup, html};
 use rayon::prelude::*;
 

@@ -3,6 +3,7 @@
 //! Each must be read with the correct values.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use glam::{DVec3, Vec3};
 use gonio::picture::Plane;
@@ -116,7 +117,7 @@ fn a_flat_background_of_a_normal_map_is_ignored() {
     let detect = |mask: Option<Plane<f32>>| {
         let normals = normals::read_normals(file("normals-flat-background.png")).unwrap();
         let view = NormalPicture { normals, camera: None, relief: None, trusted: false, error: 0.0 };
-        Detection::of(&picture, mask, Object::Normals(Box::new(view)), &ObservationSettings::default()).unwrap()
+        Detection::of(&picture, mask, Object::Normals(Arc::new(view)), &ObservationSettings::default()).unwrap()
     };
     let (alone, masked) = (detect(None), detect(Some(mask.clone())));
     let outside = mask.as_slice().iter().filter(|m| **m < 0.5).count();

@@ -23,13 +23,13 @@ METHODS
 """
 
 from ._brdf import EXPORTS, THETA_D, THETA_H, Brdf, render
+from ._check import Checked, Merged, check, merge, set_threads
 from ._combine import Combined, combine
 from ._compare import Comparison, Pair, compare
 from ._errors import FileError, GonioError, GonioWarning, MissingFileError
 from ._files import read_image, read_normals, write_image
 from ._gonio import Model, __version__
 from ._infer import METHODS, infer, read_model
-from ._check import Checked, Merged, check, merge, set_threads
 from ._many import Failure, infer_many
 from ._posterior import QUANTILES, BasisPosterior, Posterior
 from ._probe import LightProbe, light_probe
@@ -58,8 +58,8 @@ __all__ = [
     "Merged",
     "MissingFileError",
     "Model",
-    "Pair",
     "ModelPart",
+    "Pair",
     "Posterior",
     "__version__",
     "check",

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from . import _gonio
 from ._arguments import Path, Photograph, Picture, Progress, Shape, is_path
 from ._arrays import paths
-from ._validation import listener, shown, integer
+from ._validation import integer, listener, shown
 from ._errors import GonioError, GonioWarning
 from ._files import write_image
 from ._regions import given_regions

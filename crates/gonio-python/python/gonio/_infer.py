@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypedDict, cast, overload
 from . import _gonio
 from ._arguments import Camera, Path, Photograph, Picture, Progress, Shape, is_path
 from ._arrays import light_map, name_of
-from ._validation import choice, circle, flag, listener, numbers, reflectances, shown, space, space_if_given, integer
+from ._validation import choice, circle, flag, integer, listener, numbers, reflectances, shown, space, space_if_given
 from ._errors import GonioError, GonioWarning
 from ._gonio import Model
 from ._posterior import BasisPosterior, Posterior

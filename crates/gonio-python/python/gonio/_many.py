@@ -11,7 +11,7 @@ import numpy as np
 
 from ._arguments import is_path
 from ._arrays import name_of
-from ._validation import defaults, check_arguments, listener, shown, integer
+from ._validation import check_arguments, defaults, integer, listener, shown
 from ._infer import infer, run
 from ._posterior import Posterior
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from . import _gonio
 from ._arguments import Camera, Path, Photograph, Picture, Progress
-from ._validation import listener, number, reflectances, space, integer
+from ._validation import integer, listener, number, reflectances, space
 from ._errors import GonioError, GonioWarning
 from ._files import write_image
 from ._scene import given_scene

@@ -12,7 +12,7 @@ import numpy as np
 from . import _gonio
 from ._arguments import Array, Path, Photograph, Picture, is_path
 from ._arrays import array_of, floats
-from ._validation import circle, defaults, check_arguments
+from ._validation import check_arguments, circle, defaults
 from ._errors import GonioError, GonioWarning
 from ._infer import infer, prepared, stem_of
 from ._posterior import Posterior

@@ -8,7 +8,7 @@ import numpy as np
 
 from . import _gonio
 from ._arguments import Camera, Picture, Progress, Shape
-from ._validation import flag, listener, positive, shown, integer
+from ._validation import flag, integer, listener, positive, shown
 from ._errors import GonioError, GonioWarning
 from ._files import light_map
 from ._shape import given_shape

@@ -13,7 +13,7 @@ from . import _gonio
 from ._arguments import Array, Path, Picture, Progress, is_path
 from ._arrays import floats
 from ._brdf import Brdf
-from ._validation import choice, listener, number, shown, integer
+from ._validation import choice, integer, listener, number, shown
 from ._files import light_map
 from ._gonio import Model
 from ._types import Floats, LightingOptions, Listeners, PosteriorOptions, ReflectanceOptions

@@ -77,9 +77,13 @@ impl Light {
     ) -> Result<Self, EstimateError> {
         settings.check(model)?;
         progress(EstimateStage::Transfer);
-        let plan = TransferSettings::of_side(settings.side);
-        let problem =
-            LightProblem::of_observations(&observations.thinned(settings.observations), table, &model.light, &plan)?;
+        let transfer = TransferSettings::of_side(settings.side);
+        let problem = LightProblem::of_observations(
+            &observations.thinned(settings.observations),
+            table,
+            &model.light,
+            &transfer,
+        )?;
         progress(EstimateStage::Light);
         let evidence = problem.posterior()?;
         let (coefficients, sd, exposure, estimator) = if settings.side <= MAX_BOUNDED_SIDE {

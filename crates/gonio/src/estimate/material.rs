@@ -178,9 +178,9 @@ impl<'a> MaterialDraft<'a> {
     pub(super) fn of(model: &'a Model, observations: &Observations, side: usize) -> Result<Self, EstimateError> {
         let learnt = model.learnt.as_ref().ok_or(EstimateError::NotLearnt)?;
         super::check_observed(observations)?;
-        let plan = TransferSettings::of_side(side);
+        let transfer = TransferSettings::of_side(side);
         let settings = SphereEquivalentSettings::default();
-        let equivalent = to_sphere_equivalent(observations, learnt, &model.light, &plan, &settings)?;
+        let equivalent = to_sphere_equivalent(observations, learnt, &model.light, &transfer, &settings)?;
         let reading = learnt.encode(&equivalent.image);
         let likelihood = Likelihood::Embedding(Embedding::of(reading.embedding));
         let posterior = MaterialPosterior::of(learnt, likelihood).ok_or(EstimateError::NotLearnt)?;

@@ -63,7 +63,7 @@ pub enum Object {
     /// A surface in front of a camera.
     Surface(PosedSurface),
     /// Any shape, given by a normal map.
-    Normals(Box<NormalPicture>),
+    Normals(Arc<NormalPicture>),
 }
 
 /// A normal map with its camera and relief.
@@ -194,7 +194,7 @@ impl Detection {
             }
             Object::Outline => looker(Some(outlined(picture, mask.as_ref())?)).inflated()?,
             Object::Surface(placed) => known().surface(placed, DetectedShape::Surface)?,
-            Object::Normals(view) => known().normals(*view)?,
+            Object::Normals(view) => known().normals(Arc::unwrap_or_clone(view))?,
         };
         let report = &detection.observations.report;
         if report.clipped_pixels > 0 {

@@ -48,12 +48,12 @@ fn channel(light: &LightGrid, c: usize) -> LightGrid {
 fn photograph(table: &BivariateTable, colours: &ChromaField, light: &LightGrid, noise: f64) -> Observations {
     let settings = crate::scene::ObservationSettings { normals: 900, ..Default::default() };
     let points = sphere_points(&settings);
-    let plan = TransferSettings::of_side(FINE);
+    let transfer = TransferSettings::of_side(FINE);
     let prior = prior();
     let of_channel = |c: usize| -> Vec<f64> {
         let tables = colours.tables(table);
         let any = vec![Some(1.0); points.len()];
-        let (rows, _) = observed_rows((&points[..]).into(), &any, &tables[c..=c], &prior, &plan).unwrap();
+        let (rows, _) = observed_rows((&points[..]).into(), &any, &tables[c..=c], &prior, &transfer).unwrap();
         let coefficients = channel(light, c).coefficients();
         let noise = random(points.len(), 7 + c as u64).into_iter().map(|x| 1.0 + 3.0_f64.sqrt() * noise * x);
         let row = |row: &[f32]| row.iter().zip(&coefficients).map(|(a, l)| f64::from(*a) * l).sum::<f64>();

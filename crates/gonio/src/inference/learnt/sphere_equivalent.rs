@@ -70,7 +70,7 @@ pub fn to_sphere_equivalent(
     observations: &Observations,
     learnt: &LearntPosterior,
     prior: &LightPrior,
-    plan: &TransferSettings,
+    transfer: &TransferSettings,
     settings: &SphereEquivalentSettings,
 ) -> Result<SphereEquivalent, LightError> {
     let weights = observations.effective_weights();
@@ -90,7 +90,7 @@ pub fn to_sphere_equivalent(
     let mut last = vec![0.0; weights.len()];
     for _ in 0..settings.rounds {
         let posterior = learnt.posterior(&image);
-        let problem = LightProblem::of_observations(&few, &posterior.mean, prior, plan)?;
+        let problem = LightProblem::of_observations(&few, &posterior.mean, prior, transfer)?;
         let evidence = problem.posterior()?;
         let radiance: Vec<f64> = cut_off_at_zero(&evidence.light).iter().map(|l| l * evidence.exposure).collect();
         let light = LightGrid::from_coefficients(prior.map, &radiance);

@@ -59,8 +59,8 @@ use crate::lighting::{LightGrid, LightPrior};
 /// Image on r rows with everything that does not depend on reflectance: the priors of light,
 /// exposure and noise.
 ///
-/// The image is scaled to root mean square one;
-/// bounds are logarithms of the density of the scaled image.
+/// The image is scaled to root mean square one; bounds are logarithms of the density of the scaled
+/// image.
 #[derive(Clone, Debug)]
 pub struct LightInference<'a> {
     /// The scaled image on its rows (r).

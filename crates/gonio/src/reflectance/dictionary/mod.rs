@@ -13,7 +13,6 @@ mod components;
 mod field;
 mod prior;
 
-use components::Layout;
 use gonio_linalg::principal_axes;
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
@@ -22,6 +21,7 @@ use serde::{Deserialize, Serialize};
 
 use super::log_basis::LogBasis;
 use super::table::{BivariateTable, CELLS, trusted_cells};
+use components::Layout;
 pub use field::MaterialField;
 pub(crate) use field::unit_field;
 pub use prior::{MaterialKind, Prior};

@@ -1,4 +1,4 @@
-"""The pictures of docs/how-it-works.md and the failures in the README.
+"""The pictures of docs/how-it-works.md, of which the README shows two.
 
     python docs/how_it_works.py GONIO DATA MERL WORK
 
@@ -307,7 +307,7 @@ def wrapped(lines, width):
     return "\n".join(rows)
 
 
-def failure(name, photograph, notes, folder, truth, table, comment):
+def comparison(name, photograph, notes, folder, truth, table, comment):
     """A photograph, the estimate and the truth in another light, and the warnings of gonio."""
     figure, axes = page(1, 4, height=2.5, width_ratios=[1, 1, 1, 1.8])
     show(axes[0, 0], ball(photograph), "photograph")
@@ -319,16 +319,19 @@ def failure(name, photograph, notes, folder, truth, table, comment):
     save(figure, name)
 
 
-def failures():
-    """A metal under an even sky, and a ball painted in two shades."""
+def dull_light():
+    """A metal under an even sky."""
     height = 128
     y = np.cos(np.pi * (np.arange(height) + 0.5) / height)
     overcast = 0.25 + 0.75 * np.clip((y + 0.3) / 1.3, 0, 1)
     write_map(WORK / "overcast.pfm", np.broadcast_to(overcast[:, None, None], (height, 2 * height, 3)))
     nickel = MERL / "nickel.binary"
     dull = render(nickel, "overcast.pfm", "dull.exr")
-    failure("failure-dull-light.png", dull, infer("dull.exr", "dull"), "dull", nickel, luminance_table(nickel), "Nickel under an even grey sky")
+    comparison("failure-dull-light.png", dull, infer("dull.exr", "dull"), "dull", nickel, luminance_table(nickel), "Nickel under an even grey sky")
 
+
+def two_paints():
+    """A ball painted in two shades."""
     checked = render(GREEN, HANGAR, "green.exr")
     x, y = places(checked.shape[0])
     east, north = np.arctan2(x, np.sqrt(np.maximum(1 - x * x - y * y, 0))), np.arcsin(np.clip(y, -1, 1))
@@ -337,7 +340,7 @@ def failures():
     write_exr(WORK / "checked.exr", checked)
     gonio("convert", GREEN, "green.binary")
     notes = infer("checked.exr", "checked")
-    failure("failure-chequered.png", checked, notes, "checked", GREEN, luminance_table(WORK / "green.binary"), "Satin paint in two shades")
+    comparison("two-paints.png", checked, notes, "checked", GREEN, luminance_table(WORK / "green.binary"), "Satin paint in two shades")
 
 
 def main():
@@ -352,7 +355,8 @@ def main():
     interval(blind)
     light_found()
     misfits(photograph, blind, lit, wrong)
-    failures()
+    dull_light()
+    two_paints()
 
 
 if __name__ == "__main__":

@@ -276,7 +276,8 @@ impl InputNames {
             | SceneWarning::Faulty { .. }
             | SceneWarning::Outliers { .. }
             | SceneWarning::Isolated { .. }
-            | SceneWarning::OtherColour { .. } => {
+            | SceneWarning::OtherColour { .. }
+            | SceneWarning::Pattern { .. } => {
                 format!("{}: {odd}", self.image)
             }
             SceneWarning::Contradiction(_) | SceneWarning::FlatBackground { .. } => {

@@ -17,6 +17,7 @@ mod multi_view;
 mod out_of_domain;
 mod outlines;
 mod paper;
+mod patterns;
 mod posteriors;
 mod prior;
 mod quadrature;
@@ -59,6 +60,8 @@ enum Command {
     Shapes(shapes::ShapesOptions),
     /// Measures errors of estimates whose shape is inflated from the outline.
     Silhouettes(silhouettes::SilhouettesOptions),
+    /// Measures estimates of balls that are painted in two paints.
+    Patterns(patterns::PatternsOptions),
     /// Evaluates the default method on photographs of real objects, against their measured BRDF and
     /// their photographs in other lights.
     Captured(captured::CapturedOptions),
@@ -97,6 +100,7 @@ fn main() -> ExitCode {
         Command::Tints => tints::run(&data),
         Command::Shapes(options) => shapes::run(&data, &options),
         Command::Silhouettes(options) => silhouettes::run(&data, &options),
+        Command::Patterns(options) => patterns::run(&data, &options),
         Command::Captured(options) => captured::run(&data, &options),
         Command::Bench(options) => bench::bench(&data, &options),
         Command::Camera(options) => camera::run(&data, &options),

@@ -80,6 +80,37 @@ fn rejects_mostly_faulty_photographs() {
 }
 
 #[test]
+fn estimates_the_first_of_two_paints() {
+    let bench = Bench::new();
+    let size = 160;
+    let inside = normals(size);
+    let picture = |albedo: f32| {
+        let value = |n: Vec3| {
+            let is_second = (5.0 * (0.8 * n.y + 0.6 * n.x)).floor() as i32 % 2 == 0;
+            let lamp = |from: Vec3| n.dot(from.normalize()).max(0.0);
+            let light = 0.2 + lamp(Vec3::new(0.5, 0.7, 0.5)) + 0.4 * lamp(Vec3::new(-0.8, 0.1, 0.3));
+            if n == Vec3::ZERO { n } else { Vec3::splat(light * if is_second { albedo } else { 0.6 }) }
+        };
+        Picture { rgb: inside.map(|n| value(*n)), alpha: Some(inside.map(|n| f32::from(u8::from(*n != Vec3::ZERO)))) }
+    };
+    bench.write("striped.exr", &exr(&picture(0.15)));
+    bench.write("plain.exr", &exr(&picture(0.6)));
+    let peak = |folder: &str| {
+        bench.json(&format!("{folder}/result.json"))["posterior"]["highlight"]["peak_to_body"]["50"].as_f64().unwrap()
+    };
+    let run = bench.run("infer striped.exr -o out --no-report").succeeds();
+    assert!(run.stderr.contains("two paints") && run.stderr.contains("--keep-colors"), "{run:?}");
+    let ratio = bench.json("out/result.json")["observations"]["report"]["pattern_ratio"].as_f64().unwrap();
+    // Which paint covers more is a matter of a few pixels.
+    assert!((ratio.ln().abs() - 4.0_f64.ln()).abs() < 0.1, "{ratio}");
+    let kept = bench.run("infer striped.exr -o kept --no-report --keep-colors").succeeds();
+    assert!(!kept.stderr.contains("two paints"), "{kept:?}");
+    assert!(!bench.run("infer plain.exr -o plain --no-report").succeeds().stderr.contains("paint"));
+    let (striped, plain, kept) = (peak("out"), peak("plain"), peak("kept"));
+    assert!(striped < 3.0 * plain && kept > 5.0 * plain, "{striped} {plain} {kept}");
+}
+
+#[test]
 fn ignores_paint_unless_colours_are_kept() {
     let bench = Bench::new();
     let size = 128;

@@ -277,6 +277,9 @@ pub struct PixelCounts {
     pub negative_channels: usize,
     /// Ignored pixels in regions of another colour.
     pub other_colour_pixels: usize,
+    /// Ratio of the reflectance of these regions to that of the rest (luminance), if they form a
+    /// pattern of two paints.
+    pub pattern_ratio: Option<f64>,
     /// Pixels without a normal.
     pub without_normal: usize,
     /// Ignored pixels whose normal is not a unit vector.
@@ -310,6 +313,7 @@ impl From<&ObservationReport> for PixelCounts {
                 isolated,
                 negative_channels,
                 other_colour_pixels,
+                pattern_ratio,
                 without_normal,
                 not_unit,
                 facing_away,

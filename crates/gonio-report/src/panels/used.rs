@@ -44,7 +44,7 @@ pub const IGNORE_REASONS: [IgnoreReason; 7] = [
     IgnoreReason { label: "dark speck", colour: Vec3::new(0.05, 0.7, 0.1), statuses: &[PixelStatus::Speck] },
     IgnoreReason { label: "clipped", colour: Vec3::new(0.95, 0.08, 0.05), statuses: &[PixelStatus::Clipped] },
     IgnoreReason {
-        label: "another colour",
+        label: "another colour or paint",
         colour: Vec3::new(0.03, 0.22, 0.95),
         statuses: &[PixelStatus::OtherColour],
     },

@@ -171,7 +171,7 @@ impl Report<'_> {
         let mut pictures = vec![figure::card(
             "Observations",
             &figure::sized(observed, SHOWN, "The photograph with a dot at each sample point"),
-            &html! { "Each dot is a sample point; in small images, points lie between pixels. " span.used { "Teal" } ": used. " span.unused { "Red" } ": visible, but ignored (clipped, faulty, covered, in shadow, or of another colour)." },
+            &html! { "Each dot is a sample point; in small images, points lie between pixels. " span.used { "Teal" } ": used. " span.unused { "Red" } ": visible, but ignored (clipped, faulty, covered, in shadow, or of another colour or paint)." },
         )];
         pictures.extend(self.used());
         pictures.push(figure::card(
@@ -441,7 +441,7 @@ fn counts(report: &ObservationReport) -> Markup {
         ("pixels clipped", report.clipped_pixels),
         ("pixels negative, NaN or infinite", report.negative + report.not_finite),
         ("pixels ignored as outliers", report.outliers),
-        ("pixels of another colour", report.other_colour_pixels),
+        ("pixels of another colour or paint", report.other_colour_pixels),
         ("pixels ignored as dark specks", report.specks),
         ("pixels ignored at edges", report.at_edges),
         ("points in self-shadow", report.in_shadow),

@@ -214,9 +214,12 @@ impl Detection {
         if isolated > 0 {
             detection.scene_warnings.push(SceneWarning::Isolated { isolated, observed });
         }
-        let pixels = detection.observations.report.other_colour_pixels;
-        if pixels > 0 {
-            detection.scene_warnings.push(SceneWarning::OtherColour { pixels, observed });
+        let report = &detection.observations.report;
+        let pixels = report.other_colour_pixels;
+        match report.pattern_ratio {
+            Some(ratio) => detection.scene_warnings.push(SceneWarning::Pattern { pixels, observed, ratio }),
+            None if pixels > 0 => detection.scene_warnings.push(SceneWarning::OtherColour { pixels, observed }),
+            None => {}
         }
         Ok(detection)
     }

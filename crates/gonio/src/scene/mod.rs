@@ -19,6 +19,7 @@
 mod background;
 mod ball_detection;
 mod balls;
+mod cells;
 mod circle;
 mod circle_detection;
 mod circle_fit;
@@ -36,9 +37,13 @@ mod orientation;
 mod outliers;
 mod outline;
 mod paint_segmentation;
+#[cfg(test)]
+mod painted_ball;
+mod pattern;
 mod repair;
 mod rim;
 mod scene_warning;
+mod shading;
 mod shadowed;
 mod small;
 mod status;

@@ -4,9 +4,9 @@ use std::collections::BTreeMap;
 
 use glam::{DVec3, Vec3};
 
+use super::cells::SurfaceGeometry;
 use super::components::neighbours;
 use super::observed::{COVERED, ObservedColour, check_size};
-use super::paint_segmentation::SurfaceGeometry;
 use super::repair::{repaired, without_outliers};
 use super::status::{Judged, judge};
 use super::view::{SurfaceView, has_normal};

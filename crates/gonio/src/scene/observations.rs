@@ -6,9 +6,9 @@ use std::sync::Arc;
 use glam::{DVec3, Vec3};
 use serde::{Deserialize, Serialize};
 
+use super::cells::SurfaceGeometry;
 use super::circle::MIN_BALL_RADIUS;
 use super::observed::{COVERED, ObservedColour, check_size};
-use super::paint_segmentation::SurfaceGeometry;
 use super::repair::repaired;
 use super::status::{Judged, judge};
 use super::{Circle, PixelStatus, SceneError};
@@ -113,6 +113,9 @@ pub struct ObservationReport {
     pub negative_channels: usize,
     /// Observed pixels in regions of another colour, which are ignored.
     pub other_colour_pixels: usize,
+    /// Ratio of the reflectance of these regions to that of the rest (luminance), if they form a
+    /// pattern of two paints.
+    pub pattern_ratio: Option<f64>,
     /// Covered pixels whose normal is missing (shorter than 0.1, or not finite); 0 for a sphere.
     pub without_normal: usize,
     /// Covered pixels skipped because their normal is not a unit vector; 0 for a sphere.

@@ -19,17 +19,13 @@
 
 use glam::{DVec2, DVec3, Vec3};
 
+use super::cells::{Cells, SurfaceGeometry};
 use super::components::{fill_holes, neighbours};
-use crate::picture::{Plane, luminance};
+use crate::picture::Plane;
 
 /// Approximate number of cells along the longer side of the object. The picture is analysed in
 /// these cells: finer structure is noise or texture.
 const CELLS: f64 = 300.0;
-/// Smallest share of usable pixels in a cell whose tone is known.
-const KNOWN: f32 = 0.5;
-/// Offset added to all channels before the logarithm, relative to the median luminance: the
-/// chromaticity of dark pixels is unreliable.
-const DARK: f32 = 0.02;
 /// Change of chromaticity (natural logarithms of R/G and B/G) above which there is a step.
 const CHROMA_STEP: f64 = 0.25;
 /// Distance from a cell to each of the two cells between which this change is measured, in cells.
@@ -75,76 +71,12 @@ const MIXED: f64 = 0.2;
 /// around the ignored regions.
 const MAX_ELSEWHERE: f64 = 0.3;
 
-/// Surface behind the pixels.
-pub(super) struct SurfaceGeometry<'a> {
-    /// Unit normal of a pixel.
-    pub(super) normal: &'a dyn Fn((usize, usize)) -> Vec3,
-    /// Whether no part of the surface can shadow another.
-    pub(super) convex: bool,
-}
-
-/// The picture averaged over cells.
-struct Cells {
-    /// Pixels along a side of each cell.
-    side: usize,
-    /// Pixel at the corner of the first cell.
-    origin: (usize, usize),
-    /// Logarithms of the channels, where known.
-    tones: Plane<Option<DVec3>>,
-    /// Normal in the middle of each cell.
-    normals: Plane<Vec3>,
-}
-
 /// Returns `ln R/G` and `ln B/G`.
 fn chroma(tone: DVec3) -> DVec2 {
     DVec2::new(tone.x - tone.y, tone.z - tone.y)
 }
 
 impl Cells {
-    fn of(rgb: &Plane<Vec3>, usable: &dyn Fn((usize, usize)) -> bool, underlay: &SurfaceGeometry<'_>) -> Option<Self> {
-        let (mut low, mut high) = ((usize::MAX, usize::MAX), (0, 0));
-        for (x, y) in (0..rgb.height()).flat_map(|y| (0..rgb.width()).map(move |x| (x, y))).filter(|at| usable(*at)) {
-            low = (low.0.min(x), low.1.min(y));
-            high = (high.0.max(x + 1), high.1.max(y + 1));
-        }
-        if high == (0, 0) {
-            return None;
-        }
-        let (width, height) = (high.0 - low.0, high.1 - low.1);
-        let side = ((width.max(height) as f64 / CELLS).round() as usize).max(1);
-        let size = (width.div_ceil(side), height.div_ceil(side));
-        let means = Plane::from_fn(size.0, size.1, |u, v| {
-            let (left, top) = (low.0 + u * side, low.1 + v * side);
-            let inside =
-                (top..(top + side).min(high.1)).flat_map(|y| (left..(left + side).min(high.0)).map(move |x| (x, y)));
-            let (sum, count) = inside
-                .filter(|at| usable(*at))
-                .fold((Vec3::ZERO, 0.0_f32), |(sum, n), at| (sum + rgb[at].max(Vec3::ZERO), n + 1.0));
-            (count >= KNOWN * (side * side) as f32).then(|| sum / count)
-        });
-        let mut bright: Vec<f32> = means.as_slice().iter().flatten().map(|c| luminance(*c)).collect();
-        if bright.is_empty() {
-            return None;
-        }
-        let middle = bright.len() / 2;
-        let floor = Vec3::splat(DARK * *bright.select_nth_unstable_by(middle, f32::total_cmp).1);
-        if floor.x <= 0.0 {
-            return None;
-        }
-        let tones = Plane::from_fn(size.0, size.1, |u, v| {
-            means[(u, v)]?;
-            let around = std::iter::once((u, v)).chain(neighbours((u, v), size, true)).filter_map(|at| means[at]);
-            let (sum, count) = around.fold((Vec3::ZERO, 0.0), |(sum, n), c| (sum + c, n + 1.0));
-            let colour = (sum / count + floor).as_dvec3();
-            Some(DVec3::new(colour.x.ln(), colour.y.ln(), colour.z.ln()))
-        });
-        let normals = Plane::from_fn(size.0, size.1, |u, v| {
-            let at = |low: usize, cell: usize, high: usize| (low + cell * side + side / 2).min(high - 1);
-            (underlay.normal)((at(low.0, u, high.0), at(low.1, v, high.1)))
-        });
-        Some(Self { side, origin: low, tones, normals })
-    }
-
     /// Returns the change across a cell along both axes; an unknown side counts as the cell itself.
     fn changes(&self, (u, v): (usize, usize)) -> Option<[DVec3; 2]> {
         let own = self.tones[(u, v)]?;
@@ -199,7 +131,7 @@ pub(super) fn segment_paint(
     usable: &dyn Fn((usize, usize)) -> bool,
     underlay: &SurfaceGeometry<'_>,
 ) -> Option<Plane<bool>> {
-    let cells = Cells::of(rgb, usable, underlay)?;
+    let cells = Cells::of(rgb, usable, underlay, (CELLS, true))?;
     let size = cells.tones.size();
     let places = || (0..size.1).flat_map(|v| (0..size.0).map(move |u| (u, v)));
     let stepped = Plane::from_fn(size.0, size.1, |u, v| {
@@ -243,11 +175,7 @@ pub(super) fn segment_paint(
     if elsewhere as f64 > MAX_ELSEWHERE * around.len() as f64 {
         return None;
     }
-    Some(Plane::from_fn(rgb.width(), rgb.height(), |x, y| {
-        let (Some(x), Some(y)) = (x.checked_sub(cells.origin.0), y.checked_sub(cells.origin.1)) else { return false };
-        let at = (x / cells.side, y / cells.side);
-        at.0 < size.0 && at.1 < size.1 && taken[at]
-    }))
+    Some(cells.pixels(&taken, rgb.size()))
 }
 
 /// Numbers the regions between steps from one and counts the cells of each; zero marks cells of no

@@ -59,6 +59,15 @@ pub enum SceneWarning {
         /// Number of observed pixels on the object.
         observed: usize,
     },
+    /// The smaller part of a pattern of two paints is ignored.
+    Pattern {
+        /// Number of pixels of this part and of its margin.
+        pixels: usize,
+        /// Number of observed pixels on the object.
+        observed: usize,
+        /// Ratio of its reflectance to that of the larger part (luminance).
+        ratio: f64,
+    },
     /// Regions of another colour are ignored.
     OtherColour {
         /// Number of pixels of another colour.
@@ -74,7 +83,7 @@ impl SceneWarning {
         match self {
             Self::Depth(_) => vec![Suggestion::DepthAxis],
             Self::Contradiction(it) => vec![it.suggestion()],
-            Self::OtherColour { .. } => vec![Suggestion::KeepColours],
+            Self::OtherColour { .. } | Self::Pattern { .. } => vec![Suggestion::KeepColours],
             _ => Vec::new(),
         }
     }
@@ -129,6 +138,11 @@ impl fmt::Display for SceneWarning {
                 f,
                 "gonio uses {isolated} of {observed} pixels that differ strongly from their neighbours, because the object \
                  has sharp reflections or glitters; remove hot pixels and fireflies, which make the roughness unreliable"
+            ),
+            Self::Pattern { pixels, observed, ratio } => write!(
+                f,
+                "the object has two paints, and the second reflects {ratio:.2} times as much light; gonio estimates the \
+                 first paint and ignores {pixels} of {observed} pixels near the second"
             ),
             Self::OtherColour { pixels, observed } => {
                 write!(

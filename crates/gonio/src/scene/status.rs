@@ -2,9 +2,11 @@
 
 use glam::Vec3;
 
+use super::cells::SurfaceGeometry;
 use super::observed::{clip_level, is_clipped};
 use super::outliers::outliers;
-use super::paint_segmentation::{SurfaceGeometry, segment_paint};
+use super::paint_segmentation::segment_paint;
+use super::pattern::segment_pattern;
 use super::{ObservationReport, ObservationSettings, SceneError};
 use crate::picture::{Plane, luminance};
 
@@ -26,7 +28,8 @@ pub enum PixelStatus {
     /// A channel differs from the pixels around it by far more than noise and structure explain: a
     /// hot or dead pixel, or a firefly.
     Outlier,
-    /// The pixel belongs to a region of another colour than the rest of the object.
+    /// The pixel belongs to a region of another colour, or to the smaller part of a pattern of two
+    /// paints.
     OtherColour,
     /// The surface ends, steps back or folds next to the pixel.
     Edge,
@@ -101,10 +104,17 @@ pub(super) fn judge(
             *status = PixelStatus::Clipped;
         }
     }
-    if !settings.keep_colours
-        && let Some(other) = segment_paint(rgb, &|at| statuses[at] == PixelStatus::Used, underlay)
-    {
-        for (status, other) in statuses.as_mut_slice().iter_mut().zip(other.as_slice()) {
+    let mut pattern_ratio = None;
+    if !settings.keep_colours {
+        let usable = |at| statuses[at] == PixelStatus::Used;
+        let other = match segment_pattern(rgb, &usable, underlay) {
+            Some(pattern) => {
+                pattern_ratio = Some(pattern.ratio);
+                Some(pattern.other)
+            }
+            None => segment_paint(rgb, &usable, underlay),
+        };
+        for (status, other) in statuses.as_mut_slice().iter_mut().zip(other.iter().flat_map(Plane::as_slice)) {
             if *other && *status == PixelStatus::Used {
                 *status = PixelStatus::OtherColour;
             }
@@ -123,6 +133,7 @@ pub(super) fn judge(
         isolated: outliers.kept,
         negative_channels: statuses.as_slice().iter().zip(rgb.as_slice()).filter(tainted).count(),
         other_colour_pixels: count(PixelStatus::OtherColour),
+        pattern_ratio,
         ..report
     };
     if 2 * (report.negative + report.not_finite) > report.observed_pixels {

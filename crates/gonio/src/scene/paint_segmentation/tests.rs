@@ -1,48 +1,5 @@
 use super::*;
-
-const SIZE: usize = 300;
-
-fn normal((x, y): (usize, usize)) -> Vec3 {
-    let at = |i: usize| (i as f32 + 0.5 - 150.0) / 140.0;
-    let (nx, ny) = (at(x), -at(y));
-    Vec3::new(nx, ny, (1.0 - nx * nx - ny * ny).max(0.0).sqrt())
-}
-
-fn usable(at: (usize, usize)) -> bool {
-    normal(at).z > 0.17
-}
-
-/// A ball whose radiance is `f` of the normal and the mirrored view.
-fn ball(f: impl Fn(Vec3, Vec3) -> Vec3) -> Plane<Vec3> {
-    let mut noise = 1_u32;
-    Plane::from_fn(SIZE, SIZE, |x, y| {
-        let n = normal((x, y));
-        noise = noise.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-        let grain = 1.0 + 0.02 * ((noise >> 8) as f32 / (1 << 23) as f32 - 1.0);
-        grain * f(n, 2.0 * n.z * n - Vec3::Z)
-    })
-}
-
-const LAMPS: [([f32; 3], [f32; 3]); 4] = [
-    ([0.3, 0.8, 0.5], [1.0, 0.9, 0.7]),
-    ([-0.8, 0.2, 0.6], [0.2, 0.3, 1.0]),
-    ([0.7, -0.5, 0.5], [1.0, 0.25, 0.15]),
-    ([-0.1, -0.9, 0.3], [0.2, 0.8, 0.3]),
-];
-
-/// Irradiance under four lamps of saturation `colour`, plus ambient light.
-fn irradiance(n: Vec3, colour: f32) -> Vec3 {
-    LAMPS.iter().fold(Vec3::splat(0.15), |sum, (from, rgb)| {
-        sum + n.dot(Vec3::from_array(*from).normalize()).max(0.0) * Vec3::ONE.lerp(Vec3::from_array(*rgb), colour)
-    })
-}
-
-/// Reflections of the lamps, whose width is given by `power`.
-fn highlights(r: Vec3, power: f32) -> Vec3 {
-    LAMPS.iter().fold(Vec3::ZERO, |sum, (from, rgb)| {
-        sum + r.dot(Vec3::from_array(*from).normalize()).max(0.0).powf(power) * Vec3::from_array(*rgb)
-    })
-}
+use crate::scene::painted_ball::{SIZE, ball, highlights, irradiance, normal, usable};
 
 fn found(rgb: &Plane<Vec3>, convex: bool) -> usize {
     segment_paint(rgb, &usable, &SurfaceGeometry { normal: &normal, convex })

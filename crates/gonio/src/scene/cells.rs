@@ -1,0 +1,96 @@
+//! A photograph averaged over square cells, in which paint is segmented.
+
+use glam::{DVec3, Vec3};
+
+use super::components::neighbours;
+use crate::picture::{Plane, luminance};
+
+/// Smallest share of usable pixels in a cell whose tone is known.
+const KNOWN: f32 = 0.5;
+/// Offset added to all channels before the logarithm, relative to the median luminance: the
+/// chromaticity of dark pixels is unreliable.
+const DARK: f32 = 0.02;
+
+/// Surface behind the pixels.
+pub(super) struct SurfaceGeometry<'a> {
+    /// Unit normal of a pixel.
+    pub(super) normal: &'a dyn Fn((usize, usize)) -> Vec3,
+    /// Whether no part of the surface can shadow another.
+    pub(super) convex: bool,
+}
+
+/// The picture averaged over cells.
+pub(super) struct Cells {
+    /// Pixels along a side of each cell.
+    pub(super) side: usize,
+    /// Pixel at the corner of the first cell.
+    origin: (usize, usize),
+    /// Logarithms of the channels, where known.
+    pub(super) tones: Plane<Option<DVec3>>,
+    /// Normal in the middle of each cell.
+    pub(super) normals: Plane<Vec3>,
+}
+
+impl Cells {
+    /// Averages the usable pixels over about `count` cells along the longer side of the object. If
+    /// `is_smooth`, a tone is the mean over the cell and its neighbours.
+    ///
+    /// Returns `None` if no pixel is usable or the object is black.
+    pub(super) fn of(
+        rgb: &Plane<Vec3>,
+        usable: &dyn Fn((usize, usize)) -> bool,
+        surface: &SurfaceGeometry<'_>,
+        (count, is_smooth): (f64, bool),
+    ) -> Option<Self> {
+        let (mut low, mut high) = ((usize::MAX, usize::MAX), (0, 0));
+        for (x, y) in (0..rgb.height()).flat_map(|y| (0..rgb.width()).map(move |x| (x, y))).filter(|at| usable(*at)) {
+            low = (low.0.min(x), low.1.min(y));
+            high = (high.0.max(x + 1), high.1.max(y + 1));
+        }
+        if high == (0, 0) {
+            return None;
+        }
+        let (width, height) = (high.0 - low.0, high.1 - low.1);
+        let side = ((width.max(height) as f64 / count).round() as usize).max(1);
+        let size = (width.div_ceil(side), height.div_ceil(side));
+        let means = Plane::from_fn(size.0, size.1, |u, v| {
+            let (left, top) = (low.0 + u * side, low.1 + v * side);
+            let inside =
+                (top..(top + side).min(high.1)).flat_map(|y| (left..(left + side).min(high.0)).map(move |x| (x, y)));
+            let (sum, count) = inside
+                .filter(|at| usable(*at))
+                .fold((Vec3::ZERO, 0.0_f32), |(sum, n), at| (sum + rgb[at].max(Vec3::ZERO), n + 1.0));
+            (count >= KNOWN * (side * side) as f32).then(|| sum / count)
+        });
+        let mut bright: Vec<f32> = means.as_slice().iter().flatten().map(|c| luminance(*c)).collect();
+        if bright.is_empty() {
+            return None;
+        }
+        let middle = bright.len() / 2;
+        let floor = Vec3::splat(DARK * *bright.select_nth_unstable_by(middle, f32::total_cmp).1);
+        if floor.x <= 0.0 {
+            return None;
+        }
+        let tones = Plane::from_fn(size.0, size.1, |u, v| {
+            let own = means[(u, v)]?;
+            let around = neighbours((u, v), size, true).filter(|_| is_smooth).filter_map(|at| means[at]);
+            let (sum, count) = around.fold((own, 1.0), |(sum, n), c| (sum + c, n + 1.0));
+            let colour = (sum / count + floor).as_dvec3();
+            Some(DVec3::new(colour.x.ln(), colour.y.ln(), colour.z.ln()))
+        });
+        let normals = Plane::from_fn(size.0, size.1, |u, v| {
+            let at = |low: usize, cell: usize, high: usize| (low + cell * side + side / 2).min(high - 1);
+            (surface.normal)((at(low.0, u, high.0), at(low.1, v, high.1)))
+        });
+        Some(Self { side, origin: low, tones, normals })
+    }
+
+    /// Returns the pixels, in a picture of `size`, of the cells in a set.
+    pub(super) fn pixels(&self, set: &Plane<bool>, (width, height): (usize, usize)) -> Plane<bool> {
+        Plane::from_fn(width, height, |x, y| {
+            let (Some(x), Some(y)) = (x.checked_sub(self.origin.0), y.checked_sub(self.origin.1)) else { return false };
+            let at = (x / self.side, y / self.side);
+            at.0 < set.width() && at.1 < set.height() && set[at]
+        })
+    }
+}

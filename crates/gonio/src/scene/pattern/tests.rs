@@ -1,0 +1,105 @@
+use super::*;
+use crate::scene::painted_ball::{SIZE, ball, highlights, irradiance, normal, usable};
+
+/// Paints of the tests: checkers, stripes, spots, two halves and a label.
+const PATTERNS: [fn(Vec3) -> bool; 5] = [
+    |n| {
+        let (azimuth, elevation) = (n.x.atan2(n.z), n.y.asin());
+        ((3.0 * azimuth + 0.3).floor() + (3.0 * elevation + 0.1).floor()) as i32 % 2 == 0
+    },
+    |n| (5.0 * (0.8 * n.y + 0.6 * n.x)).floor() as i32 % 2 == 0,
+    |n| {
+        let spots = [[0.2, 0.5, 0.8], [-0.6, 0.1, 0.8], [0.5, -0.4, 0.8], [-0.2, -0.7, 0.7], [-0.4, 0.7, 0.6]];
+        spots.iter().any(|spot| n.dot(Vec3::from_array(*spot).normalize()) > 0.95)
+    },
+    |n| n.x + 0.3 * (3.0 * n.y).sin() > 0.1,
+    |n| n.x.abs() < 0.4 && (n.y - 0.1).abs() < 0.35,
+];
+
+fn segment(rgb: &Plane<Vec3>) -> Option<Pattern> {
+    segment_pattern(rgb, &usable, &SurfaceGeometry { normal: &normal, convex: true })
+}
+
+#[test]
+fn ignores_the_smaller_part_of_a_pattern() {
+    for (number, pattern) in PATTERNS.iter().enumerate() {
+        for (body, paint, gloss) in [
+            (Vec3::splat(0.5), Vec3::splat(0.15), 0.0),
+            (Vec3::new(0.2, 0.2, 0.25), Vec3::splat(0.7), 0.3),
+            (Vec3::new(0.6, 0.15, 0.1), Vec3::new(0.1, 0.12, 0.4), 0.5),
+        ] {
+            let rgb = ball(|n, r| {
+                let colour = if pattern(n) { paint } else { body };
+                irradiance(n, 0.3) * colour + gloss * highlights(r, 300.0)
+            });
+            let found = segment(&rgb).unwrap_or_else(|| panic!("pattern {number}: {body} {paint} {gloss}"));
+            let inside: Vec<(usize, usize)> =
+                (0..SIZE * SIZE).map(|i| (i % SIZE, i / SIZE)).filter(|at| usable(*at)).collect();
+            // Which part is the smaller one is a matter of a few pixels for some patterns.
+            let used: Vec<_> = inside.iter().filter(|at| !found.other[**at]).collect();
+            let is_paint_smaller = 2 * used.iter().filter(|at| pattern(normal(***at))).count() < used.len();
+            let (mut lost, mut kept, mut wrong) = (0, 0, 0);
+            for at in &inside {
+                let is_smaller = pattern(normal(*at)) == is_paint_smaller;
+                lost += usize::from(!is_smaller && found.other[*at]);
+                kept += usize::from(!is_smaller && !found.other[*at]);
+                wrong += usize::from(is_smaller && !found.other[*at]);
+            }
+            let smaller = inside.len() - lost - kept;
+            assert!(100 * wrong < 2 * smaller, "pattern {number}: {wrong} of {smaller} pixels are used");
+            assert!(kept > lost, "pattern {number}: {lost} of {} pixels are lost", lost + kept);
+            let truth = f64::from(luminance(paint) / luminance(body));
+            let truth = if is_paint_smaller { truth } else { 1.0 / truth };
+            assert!((found.ratio / truth).ln().abs() < 0.15, "pattern {number}: {} for {truth}", found.ratio);
+        }
+    }
+}
+
+#[test]
+fn keeps_objects_of_one_material() {
+    // Windows and a horizon, in a mirror and behind a coat on a coloured body.
+    let room = |r: Vec3| {
+        let window = |x: f32, y: f32, size: f32| (r.x - x).abs() < size && (r.y - y).abs() < 1.5 * size;
+        let lit = [(-0.5, 0.3, 0.15), (0.1, 0.4, 0.12), (0.6, 0.2, 0.2), (0.3, -0.4, 0.1), (-0.2, -0.5, 0.2)];
+        let wall = if r.y > -0.1 { Vec3::new(0.5, 0.6, 0.8) } else { Vec3::new(0.3, 0.2, 0.1) };
+        let shade = 1.0 + 0.5 * r.x + 0.2 * (5.0 * r.y).sin();
+        shade * wall
+            + lit
+                .iter()
+                .filter(|(x, y, size)| window(*x, *y, *size))
+                .map(|w| Vec3::splat(2.0 + 9.0 * w.2))
+                .sum::<Vec3>()
+    };
+    let mirror = ball(|_, r| room(r));
+    let coated = ball(|n, r| irradiance(n, 0.3) * Vec3::new(0.6, 0.1, 0.1) + 0.05 * room(r));
+    let glossy = ball(|n, r| irradiance(n, 1.0) * 0.2 + highlights(r, 200.0));
+    let matte = ball(|n, _| irradiance(n, 1.0) * Vec3::new(0.7, 0.3, 0.2));
+    let horizon = ball(|n, r| {
+        irradiance(n, 0.0) * 0.1 + if r.y > 0.05 { Vec3::splat(1.0 + 0.8 * r.x) } else { Vec3::splat(0.2) }
+    });
+    for (name, rgb) in [("mirror", mirror), ("coat", coated), ("gloss", glossy), ("matte", matte), ("horizon", horizon)]
+    {
+        assert_eq!(segment(&rgb).map(|pattern| pattern.ratio), None, "{name}");
+    }
+}
+
+#[test]
+fn small_and_dark_objects_have_no_pattern() {
+    let flat = |side: usize, value: f32| Plane::from_fn(side, side, |_, _| Vec3::splat(value));
+    let found =
+        |rgb: &Plane<Vec3>| segment_pattern(rgb, &|_| true, &SurfaceGeometry { normal: &|_| Vec3::Z, convex: true });
+    assert_eq!(found(&flat(120, 1.0)), None);
+    assert_eq!(found(&flat(120, 0.0)), None);
+    assert_eq!(found(&flat(10, 1.0)), None);
+    assert_eq!(
+        segment_pattern(&flat(120, 1.0), &|_| false, &SurfaceGeometry { normal: &|_| Vec3::Z, convex: true }),
+        None
+    );
+}
+
+#[test]
+fn medians_and_deviations_are_those_of_the_sample() {
+    assert_eq!(median([3.0, 1.0, 2.0].into_iter()), 2.0);
+    assert_eq!(median(std::iter::empty()), 0.0);
+    assert!((deviation([-2.0, 1.0, 1.0, -1.0, 5.0].into_iter()) - 1.4826).abs() < 1e-12);
+}

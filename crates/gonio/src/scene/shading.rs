@@ -1,0 +1,163 @@
+//! Smooth shading: low polynomials of the normal.
+//!
+//! Shading by distant light is smooth over the normals. These polynomials span the spherical
+//! harmonics up to their degree.
+
+use faer::Mat;
+use glam::{DVec3, Vec3};
+use gonio_linalg::{axpy, solve_positive};
+
+/// Relative ridge of the least squares: directions that no normal determines remain zero.
+const RIDGE: f64 = 1e-7;
+
+/// Polynomials of the normals of many cells, one row per cell; the first is constant.
+pub(super) struct ShadingBasis {
+    rows: Vec<Vec<f64>>,
+}
+
+/// Shading with a step between two paints.
+pub(super) struct TwoPaints {
+    /// Shading of each cell, as if it had the first paint.
+    pub(super) shading: Vec<DVec3>,
+    /// Difference of the second paint from the first.
+    pub(super) step: DVec3,
+}
+
+impl ShadingBasis {
+    /// Evaluates `(degree + 1)^2` polynomials at each unit normal.
+    pub(super) fn new(normals: &[Vec3], degree: usize) -> Self {
+        Self { rows: normals.iter().map(|normal| polynomials(normal.as_dvec3(), degree)).collect() }
+    }
+
+    /// Returns the differences between pairs of rows, without the constant.
+    pub(super) fn differences(&self, pairs: &[(usize, usize)]) -> Self {
+        let difference = |(i, j): &(usize, usize)| {
+            self.rows[*i][1..].iter().zip(&self.rows[*j][1..]).map(|(from, to)| to - from).collect()
+        };
+        Self { rows: pairs.iter().map(difference).collect() }
+    }
+
+    /// Returns the sum of all functions but the constant at each row, for the coefficients of their
+    /// differences.
+    pub(super) fn without_constant(&self, coefficients: &[DVec3]) -> Vec<DVec3> {
+        self.rows.iter().map(|row| sum(&row[1..], coefficients)).collect()
+    }
+
+    /// Returns the sum of all functions at each row.
+    pub(super) fn values(&self, coefficients: &[DVec3]) -> Vec<DVec3> {
+        self.rows.iter().map(|row| sum(row, coefficients)).collect()
+    }
+
+    /// Fits coefficients to `values` by weighted least squares.
+    pub(super) fn fit(&self, values: &[DVec3], weights: &[f64]) -> Option<Vec<DVec3>> {
+        least_squares(self.rows.iter().map(Vec::as_slice), values, weights)
+    }
+
+    /// Fits shading and a step of the cells in `other`.
+    pub(super) fn fit_two(&self, values: &[DVec3], other: &[bool], weights: &[f64]) -> Option<TwoPaints> {
+        let rows: Vec<Vec<f64>> = self
+            .rows
+            .iter()
+            .zip(other)
+            .map(|(row, other)| row.iter().copied().chain([f64::from(u8::from(*other))]).collect())
+            .collect();
+        let mut coefficients = least_squares(rows.iter().map(Vec::as_slice), values, weights)?;
+        let step = coefficients.pop()?;
+        Some(TwoPaints { shading: self.values(&coefficients), step })
+    }
+}
+
+/// Returns the products of Legendre polynomials of x and y, of total degree up to `degree`, and
+/// those times z of a lower degree.
+fn polynomials(normal: DVec3, degree: usize) -> Vec<f64> {
+    let legendre = |x: f64| {
+        let mut all = vec![1.0, x];
+        for n in 1..degree {
+            let n_real = n as f64;
+            all.push(((2.0 * n_real + 1.0) * x * all[n] - n_real * all[n - 1]) / (n_real + 1.0));
+        }
+        all
+    };
+    let (along_x, along_y) = (legendre(normal.x), legendre(normal.y));
+    let mut all = Vec::with_capacity((degree + 1) * (degree + 1));
+    for (i, a) in along_x.iter().enumerate().take(degree + 1) {
+        for (j, b) in along_y.iter().enumerate().take(degree + 1 - i) {
+            all.push(a * b);
+            if i + j < degree {
+                all.push(a * b * normal.z);
+            }
+        }
+    }
+    all
+}
+
+fn sum(row: &[f64], coefficients: &[DVec3]) -> DVec3 {
+    row.iter().zip(coefficients).map(|(x, c)| *x * *c).sum()
+}
+
+/// Solves weighted least squares for three channels.
+fn least_squares<'a>(rows: impl Iterator<Item = &'a [f64]>, values: &[DVec3], weights: &[f64]) -> Option<Vec<DVec3>> {
+    let (mut gram, mut right) = (Vec::new(), Vec::<[f64; 3]>::new());
+    for ((row, value), weight) in rows.zip(values).zip(weights) {
+        let size = row.len();
+        if gram.is_empty() {
+            (gram, right) = (vec![0.0; size * size], vec![[0.0; 3]; size]);
+        }
+        for (i, x) in row.iter().enumerate() {
+            axpy(weight * x, &row[..=i], &mut gram[i * size..=i * size + i]);
+            (0..3).for_each(|c| right[i][c] += weight * x * value[c]);
+        }
+    }
+    let size = right.len();
+    let ridge = RIDGE * (0..size).map(|i| gram[i * size + i]).fold(0.0, f64::max);
+    let matrix = Mat::from_fn(size, size, |i, j| {
+        let lower = gram[i.max(j) * size + i.min(j)];
+        if i == j { lower + ridge } else { lower }
+    });
+    let channel = |c: usize| {
+        let right: Vec<f64> = right.iter().map(|r| r[c]).collect();
+        solve_positive(matrix.clone(), &right)
+    };
+    let (x, y, z) = (channel(0)?, channel(1)?, channel(2)?);
+    Some((0..size).map(|i| DVec3::new(x[i], y[i], z[i])).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sphere::fibonacci_hemisphere;
+
+    fn normals() -> Vec<Vec3> {
+        fibonacci_hemisphere(800).map(|normal| normal.as_vec3()).collect()
+    }
+
+    #[test]
+    fn polynomials_span_the_harmonics_of_their_degree() {
+        let normals = normals();
+        let basis = ShadingBasis::new(&normals, 4);
+        assert_eq!(basis.rows[0].len(), 25);
+        // A harmonic of degree 4: 35 z^4 - 30 z^2 + 3.
+        let values: Vec<DVec3> =
+            normals.iter().map(|n| DVec3::splat(f64::from(35.0 * n.z.powi(4) - 30.0 * n.z.powi(2) + 3.0))).collect();
+        let weights = vec![1.0; values.len()];
+        let error = |degree: usize| {
+            let basis = ShadingBasis::new(&normals, degree);
+            let found = basis.values(&basis.fit(&values, &weights).unwrap());
+            found.iter().zip(&values).map(|(a, b)| a.distance(*b)).fold(0.0, f64::max)
+        };
+        assert!(error(4) < 0.01 && error(3) > 0.1, "{} {}", error(4), error(3));
+    }
+
+    #[test]
+    fn a_step_on_shading_is_recovered() {
+        let normals = normals();
+        let other: Vec<bool> = normals.iter().map(|n| (6.0 * n.x).floor() as i32 % 2 == 0).collect();
+        let step = DVec3::new(-1.0, 0.5, 0.2);
+        let shading = |n: &Vec3| DVec3::new(1.0, 2.0, 0.5) * f64::from(n.y + 0.3 * n.x * n.z);
+        let values: Vec<DVec3> =
+            normals.iter().zip(&other).map(|(n, other)| shading(n) + if *other { step } else { DVec3::ZERO }).collect();
+        let found = ShadingBasis::new(&normals, 3).fit_two(&values, &other, &vec![1.0; values.len()]).unwrap();
+        assert!(found.step.distance(step) < 1e-4, "{}", found.step);
+        assert!(found.shading.iter().zip(&normals).all(|(s, n)| s.distance(shading(n)) < 1e-3));
+    }
+}

@@ -17,7 +17,7 @@ const axe = readFileSync(createRequire(REPORT).resolve("axe-core/axe.min.js"), "
 const { FLAGS } = await import(new URL("flags.mjs", REPORT));
 
 // 7.22 MB with the colour management of tagged pictures, which takes 0.15 MB.
-const MOST_BYTES = 7.3e6;
+const MOST_BYTES = 7.4e6;
 const MOST_SECONDS = 20;
 const TOLERANCE = 1e-3; // relative deviation of a trusted cell from the result of the program
 const LATEST = 180e3; // for the whole run on a slow machine, ms

@@ -35,7 +35,7 @@ pub enum Suggestion {
     NormalAxes(Vec<Correction>),
     /// Skip the consistency checks of the normals.
     TrustNormals,
-    /// Use regions of another colour as well.
+    /// Use regions of another colour or paint as well.
     KeepColours,
     /// Search for the rotation of the light map.
     AlignLight,

@@ -54,7 +54,7 @@ pub(crate) struct SceneOptions {
     /// region.
     #[arg(long, value_name = "LABELS", help_heading = FINDING)]
     pub(crate) materials: Option<PathBuf>,
-    /// Also use pixels whose colour differs from the rest of the object
+    /// Also use pixels of another colour or of a second paint
     ///
     /// By default, gonio ignores paint and stickers that it can distinguish from reflections.
     #[arg(long, help_heading = FINDING)]

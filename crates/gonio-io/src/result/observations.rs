@@ -252,7 +252,7 @@ pub struct PixelCounts {
     pub outside: usize,
     /// Points without a value because pixels are negative, NaN, infinite or outliers.
     pub faulty: usize,
-    /// Points without a value because a pixel is of another colour than the object.
+    /// Points without a value because a pixel is of another colour or paint.
     pub other_colour: usize,
     /// Points without a value because of self-shadowing.
     pub in_shadow: usize,
@@ -275,10 +275,10 @@ pub struct PixelCounts {
     pub isolated: usize,
     /// Used pixels with a negative channel, which counts as zero.
     pub negative_channels: usize,
-    /// Ignored pixels in regions of another colour.
+    /// Ignored pixels in regions of another colour, or on or near a second paint.
     pub other_colour_pixels: usize,
-    /// Ratio of the reflectance of these regions to that of the rest (luminance), if they form a
-    /// pattern of two paints.
+    /// Ratio of the reflectance (luminance) of the ignored paint to that of the other, if the
+    /// object has a pattern of two paints.
     pub pattern_ratio: Option<f64>,
     /// Pixels without a normal.
     pub without_normal: usize,

@@ -214,13 +214,7 @@ impl Detection {
         if isolated > 0 {
             detection.scene_warnings.push(SceneWarning::Isolated { isolated, observed });
         }
-        let report = &detection.observations.report;
-        let pixels = report.other_colour_pixels;
-        match report.pattern_ratio {
-            Some(ratio) => detection.scene_warnings.push(SceneWarning::Pattern { pixels, observed, ratio }),
-            None if pixels > 0 => detection.scene_warnings.push(SceneWarning::OtherColour { pixels, observed }),
-            None => {}
-        }
+        detection.scene_warnings.extend(SceneWarning::of_paint(&detection.observations.report));
         Ok(detection)
     }
 
@@ -247,6 +241,10 @@ impl Detection {
         let normals = refined(normals, &brightness, *error);
         let view = SurfaceView { normals: &normals, camera: camera.as_ref(), distances: None };
         let observations = Observations::of_view(picture, &view, self.coverage.as_ref(), settings).ok()?;
+        // The segmentation of paint depends on the normals.
+        let is_kept = |w: &&SceneWarning| !matches!(w, SceneWarning::OtherColour { .. } | SceneWarning::Pattern { .. });
+        let kept = self.scene_warnings.iter().filter(is_kept).cloned();
+        let scene_warnings = kept.chain(SceneWarning::of_paint(&observations.report)).collect();
         Some(Self {
             observations,
             coverage: self.coverage.clone(),
@@ -258,7 +256,7 @@ impl Detection {
             placed: None,
             inaccurate: None,
             pixels: self.pixels,
-            scene_warnings: self.scene_warnings.clone(),
+            scene_warnings,
         })
     }
 

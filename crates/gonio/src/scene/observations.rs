@@ -41,8 +41,9 @@ pub struct ObservationSettings {
     /// `None` detects the level: the largest value of the object, if at least 12 pixels and 0.02 %
     /// of the observed ones have exactly that value.
     pub clip: Option<f32>,
-    /// Whether to observe regions of another colour (paint, stickers) as well. By default, they are
-    /// ignored if they can be distinguished safely from highlights and reflections.
+    /// Whether to observe regions of another colour (stickers) and a second paint as well. By
+    /// default, they are ignored if they can be distinguished safely from highlights and
+    /// reflections.
     #[serde(default)]
     pub keep_colours: bool,
     /// Whether to accept a surface whose silhouette differs from that of the object.
@@ -86,7 +87,7 @@ pub struct ObservationReport {
     pub outside: usize,
     /// Points without a value because pixels they need are negative, NaN, infinite or outliers.
     pub faulty: usize,
-    /// Points without a value because a pixel they need is of another colour than the object.
+    /// Points without a value because a pixel they need is of another colour or paint.
     pub other_colour: usize,
     /// Pixels of the observed part of the object.
     pub observed_pixels: usize,
@@ -111,10 +112,11 @@ pub struct ObservationReport {
     /// Observed pixels that are used although a channel is negative: the luminance is positive, and
     /// the channel counts as zero in the colour.
     pub negative_channels: usize,
-    /// Observed pixels in regions of another colour, which are ignored.
+    /// Observed pixels in regions of another colour, or on or near a second paint, which are
+    /// ignored.
     pub other_colour_pixels: usize,
-    /// Ratio of the reflectance of these regions to that of the rest (luminance), if they form a
-    /// pattern of two paints.
+    /// Ratio of the reflectance (luminance) of the ignored paint to that of the other, if the
+    /// object has a pattern of two paints.
     pub pattern_ratio: Option<f64>,
     /// Covered pixels whose normal is missing (shorter than 0.1, or not finite); 0 for a sphere.
     pub without_normal: usize,

@@ -11,18 +11,18 @@
 //! 3. Parts of a group without the step along their border join the other group.
 //!
 //! Reflections in a mirror can be segmented in the same way, but the steps along their borders are
-//! neither equal nor as high as the difference of the groups. The pattern must pass this test. On
-//! a surface that may shadow itself, it must also have two colours, since the borders of shadows
-//! are sharp. The thresholds come from renderings of 20 materials in 60 training lights with and
-//! without patterns (docs/trials.md).
+//! neither equal nor as high as the difference of the groups. The pattern must pass this test. On a
+//! surface that may shadow itself, one channel must also rise where another falls, since the
+//! borders of shadows are sharp. The thresholds come from renderings of 20 materials in 60 training
+//! lights with and without patterns (docs/trials.md).
 
 use faer::Mat;
 use glam::{DVec3, Vec3};
 use gonio_linalg::eigenvectors;
 
 use super::cells::{Cells, SurfaceGeometry};
-use super::components::{flood, neighbours};
-use super::shading::ShadingBasis;
+use super::components::neighbours;
+use super::shading::{ShadingBasis, TwoPaints};
 use crate::picture::{Plane, luminance};
 
 /// Approximate number of cells along the longer side of the object.
@@ -50,6 +50,8 @@ const PASSES: usize = 3;
 const PART: (usize, f64) = (4, 0.5);
 /// Smallest share of the object of each paint.
 const MIN_SHARE: f64 = 0.1;
+/// Smallest share of the object that must remain without the second paint and its margin.
+const MIN_REMAINING: f64 = 0.15;
 /// Smallest number of steps along the border of the paints.
 const MIN_STEPS: usize = 30;
 /// Smallest difference of the paints, a natural logarithm.
@@ -59,7 +61,8 @@ const MIN_DIFFERENCE: f64 = 0.25;
 const MIN_RISE: f64 = 0.05;
 /// Range of the median step, relative to the difference of the groups. Patterns have 0.88 to 1.1.
 const MEDIAN_STEP: [f64; 2] = [0.8, 1.25];
-/// Largest median absolute deviation of the steps from their median, relative to it. Patterns have
+/// Largest standard deviation of the steps from their median, relative to it, by their median
+/// absolute deviation. Patterns have
 /// 0.05 to 0.4, reflections 0.6 to 2.
 const MAX_SPREAD: f64 = 0.45;
 
@@ -87,13 +90,20 @@ pub(super) fn segment_pattern(
         basis = ShadingBasis::new(&groups.normals, degree);
         (step, weights) = groups.assign(&basis, rounds)?;
     }
-    (0..PASSES).any(|_| !groups.join_parts(step));
+    for _ in 0..PASSES {
+        if !groups.join_parts(step) {
+            break;
+        }
+    }
     if 2 * groups.count() > groups.other.len() {
         groups.other.iter_mut().for_each(|other| *other = !*other);
     }
     if (groups.count() as f64) < MIN_SHARE * groups.other.len() as f64 {
         return None;
     }
+    // The weights belong to the groups before their parts moved.
+    let fit = basis.fit_two(&groups.tones, &groups.other, &weights)?;
+    let (weights, _) = groups.weights(&fit);
     let step = basis.fit_two(&groups.tones, &groups.other, &weights)?.step;
     let steps: Vec<DVec3> = groups.steps().into_iter().map(|step| step.change).collect();
     // Shadows lower all channels.
@@ -101,11 +111,14 @@ pub(super) fn segment_pattern(
     if is_shadow && !surface.convex {
         return None;
     }
-    is_pattern(step, &steps).then(|| {
-        let margin = if cells.side > 1 { 1 } else { 2 };
-        let other = cells.pixels(&groups.beyond_margin(margin), rgb.size());
-        Pattern { other, ratio: groups.ratio(step) }
-    })
+    if !is_pattern(step, &steps) {
+        return None;
+    }
+    let margin = if cells.side > 1 { 1 } else { 2 };
+    let ignored = groups.beyond_margin(margin);
+    let remaining = groups.places.iter().filter(|at| !ignored[**at]).count();
+    let is_enough = remaining as f64 >= MIN_REMAINING * groups.places.len() as f64;
+    is_enough.then(|| Pattern { other: cells.pixels(&ignored, rgb.size()), ratio: groups.ratio(step) })
 }
 
 /// Whether the steps along the border of two groups are those of two paints that differ by `step`.
@@ -189,20 +202,30 @@ impl Groups {
                 self.places.iter().enumerate().filter_map(move |(i, at)| Some((i, self.at(*at, offset)?)))
             })
             .collect();
+        if pairs.is_empty() {
+            return None;
+        }
         let basis = ShadingBasis::new(&self.normals, degree);
         let differences = basis.differences(&pairs);
         let changes: Vec<DVec3> = pairs.iter().map(|(i, j)| self.tones[*j] - self.tones[*i]).collect();
         let mut weights = vec![1.0; pairs.len()];
         let (mut coefficients, mut residuals) = (Vec::new(), Vec::new());
-        for _ in 0..12 {
+        let has_steps = |residuals: &[f64], share: f64| {
+            let steep = residuals.iter().filter(|r| **r > STEP.0).count();
+            steep as f64 >= share * residuals.len() as f64
+        };
+        for round in 0..12 {
             coefficients = differences.fit(&changes, &weights)?;
             let fitted = differences.values(&coefficients);
             residuals = changes.iter().zip(&fitted).map(|(a, b)| (*a - *b).abs().max_element()).collect();
+            // Most photographs are of one paint: the first rounds suffice for them.
+            if round == 2 && !has_steps(&residuals, 0.5 * STEP.1) {
+                return None;
+            }
             let scale = 1.5 * deviation(residuals.iter().copied()) + 1e-4;
             weights = residuals.iter().map(|r| (1.0 + (r / scale).powi(2)).powi(-2)).collect();
         }
-        let steep = residuals.iter().filter(|r| **r > STEP.0).count();
-        if (steep as f64) < STEP.1 * residuals.len() as f64 {
+        if !has_steps(&residuals, STEP.1) {
             return None;
         }
         let shading = basis.without_constant(&coefficients);
@@ -219,13 +242,9 @@ impl Groups {
         for round in 0..rounds {
             let fit = basis.fit_two(&self.tones, &self.other, &weights)?;
             step = fit.step;
-            let residual =
-                |i: usize, other: bool| self.tones[i] - fit.shading[i] - if other { step } else { DVec3::ZERO };
-            let scale = DVec3::from_array(
-                [0, 1, 2].map(|c| deviation((0..count).map(|i| residual(i, self.other[i])[c])) + MIN_SCALE),
-            );
+            let (_, scale) = self.weights(&fit);
             let square = |i: usize, other: bool| {
-                let relative = residual(i, other) / scale;
+                let relative = self.residual(&fit, i, other) / scale;
                 (relative * relative).min(DVec3::splat(MAX_SQUARE)).element_sum()
             };
             // How much better a cell agrees with the second paint.
@@ -235,14 +254,9 @@ impl Groups {
                 gain[i] + near.map(|j| gain[j]).sum::<f64>()
             };
             let assigned: Vec<bool> = (0..count).map(|i| around(i) > 0.0).collect();
-            weights = (0..count)
-                .map(|i| {
-                    let own = (residual(i, assigned[i]) / scale).abs().max_element();
-                    1.0 / (1.0 + (own / HALF_WEIGHT).powi(2))
-                })
-                .collect();
             let moved = assigned.iter().zip(&self.other).filter(|(a, b)| a != b).count();
             self.other = assigned;
+            weights = self.weights_at(&fit, scale);
             if moved * 10_000 < count && round > 2 {
                 break;
             }
@@ -250,8 +264,28 @@ impl Groups {
         Some((step, weights))
     }
 
-    /// Lists the steps along the border of the groups, where three cells on one side and four on
-    /// the other are in the same group.
+    /// Returns what a fit leaves of a cell if it has the second paint (`other`) or the first.
+    fn residual(&self, fit: &TwoPaints, i: usize, other: bool) -> DVec3 {
+        self.tones[i] - fit.shading[i] - if other { fit.step } else { DVec3::ZERO }
+    }
+
+    /// Returns the weights of the cells for the next fit, and the scale of the residuals.
+    fn weights(&self, fit: &TwoPaints) -> (Vec<f64>, DVec3) {
+        let of_channel = |c: usize| (0..self.other.len()).map(move |i| self.residual(fit, i, self.other[i])[c]);
+        let scale = DVec3::from_array([0, 1, 2].map(|c| deviation(of_channel(c)) + MIN_SCALE));
+        (self.weights_at(fit, scale), scale)
+    }
+
+    fn weights_at(&self, fit: &TwoPaints, scale: DVec3) -> Vec<f64> {
+        let weight = |i: usize| {
+            let own = (self.residual(fit, i, self.other[i]) / scale).abs().max_element();
+            1.0 / (1.0 + (own / HALF_WEIGHT).powi(2))
+        };
+        (0..self.other.len()).map(weight).collect()
+    }
+
+    /// Lists the steps along the border of the groups, where four cells on each side are in the
+    /// same group.
     fn steps(&self) -> Vec<Step> {
         let mut steps = Vec::new();
         for (i, at) in self.places.iter().enumerate() {
@@ -289,12 +323,17 @@ impl Groups {
             if part[i] != usize::MAX {
                 continue;
             }
-            let mut reached = self.index.map(|_| false);
-            flood(&mut reached, [self.places[i]], false, |at| {
-                self.index[at].is_some_and(|j| self.other[j] == self.other[i])
-            });
-            let members: Vec<usize> = (i..self.other.len()).filter(|j| reached[self.places[*j]]).collect();
-            members.iter().for_each(|j| part[*j] = parts.len());
+            let (mut members, mut next) = (vec![i], 0);
+            part[i] = parts.len();
+            while let Some(&member) = members.get(next) {
+                next += 1;
+                for j in neighbours(self.places[member], size, false).filter_map(|at| self.index[at]) {
+                    if part[j] == usize::MAX && self.other[j] == self.other[i] {
+                        part[j] = parts.len();
+                        members.push(j);
+                    }
+                }
+            }
             parts.push(members);
         }
         let mut heights: Vec<Vec<f64>> = vec![Vec::new(); parts.len()];

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use super::Contradiction;
+use super::{Contradiction, ObservationReport};
 use crate::suggestion::Suggestion;
 
 /// Warning about a detected object, displayed as one line.
@@ -78,6 +78,15 @@ pub enum SceneWarning {
 }
 
 impl SceneWarning {
+    /// Returns the warning about ignored paint, if any.
+    pub(super) fn of_paint(report: &ObservationReport) -> Option<Self> {
+        let (pixels, observed) = (report.other_colour_pixels, report.observed_pixels);
+        match report.pattern_ratio {
+            Some(ratio) => Some(Self::Pattern { pixels, observed, ratio }),
+            None => (pixels > 0).then_some(Self::OtherColour { pixels, observed }),
+        }
+    }
+
     /// Lists suggestions.
     pub fn suggestions(&self) -> Vec<Suggestion> {
         match self {
@@ -141,8 +150,8 @@ impl fmt::Display for SceneWarning {
             ),
             Self::Pattern { pixels, observed, ratio } => write!(
                 f,
-                "the object has two paints, and the second reflects {ratio:.2} times as much light; gonio estimates the \
-                 first paint and ignores {pixels} of {observed} pixels near the second"
+                "the object has two paints; gonio estimates the one that covers more, and ignores {pixels} of {observed} \
+                 pixels on or near the other, which reflects {ratio:.2} times as much light"
             ),
             Self::OtherColour { pixels, observed } => {
                 write!(

@@ -50,25 +50,20 @@ impl ShadingBasis {
 
     /// Fits coefficients to `values` by weighted least squares.
     pub(super) fn fit(&self, values: &[DVec3], weights: &[f64]) -> Option<Vec<DVec3>> {
-        least_squares(self.rows.iter().map(Vec::as_slice), values, weights)
+        least_squares(self.rows.iter().map(|row| (row.as_slice(), None)), values, weights)
     }
 
     /// Fits shading and a step of the cells in `other`.
     pub(super) fn fit_two(&self, values: &[DVec3], other: &[bool], weights: &[f64]) -> Option<TwoPaints> {
-        let rows: Vec<Vec<f64>> = self
-            .rows
-            .iter()
-            .zip(other)
-            .map(|(row, other)| row.iter().copied().chain([f64::from(u8::from(*other))]).collect())
-            .collect();
-        let mut coefficients = least_squares(rows.iter().map(Vec::as_slice), values, weights)?;
+        let rows = self.rows.iter().zip(other).map(|(row, other)| (row.as_slice(), Some(f64::from(u8::from(*other)))));
+        let mut coefficients = least_squares(rows, values, weights)?;
         let step = coefficients.pop()?;
         Some(TwoPaints { shading: self.values(&coefficients), step })
     }
 }
 
 /// Returns the products of Legendre polynomials of x and y, of total degree up to `degree`, and
-/// those times z of a lower degree.
+/// the products of total degree below `degree` times z.
 fn polynomials(normal: DVec3, degree: usize) -> Vec<f64> {
     let legendre = |x: f64| {
         let mut all = vec![1.0, x];
@@ -95,10 +90,16 @@ fn sum(row: &[f64], coefficients: &[DVec3]) -> DVec3 {
     row.iter().zip(coefficients).map(|(x, c)| *x * *c).sum()
 }
 
-/// Solves weighted least squares for three channels.
-fn least_squares<'a>(rows: impl Iterator<Item = &'a [f64]>, values: &[DVec3], weights: &[f64]) -> Option<Vec<DVec3>> {
-    let (mut gram, mut right) = (Vec::new(), Vec::<[f64; 3]>::new());
-    for ((row, value), weight) in rows.zip(values).zip(weights) {
+/// Solves weighted least squares for three channels. A row may have one more value than its slice.
+fn least_squares<'a>(
+    rows: impl Iterator<Item = (&'a [f64], Option<f64>)>,
+    values: &[DVec3],
+    weights: &[f64],
+) -> Option<Vec<DVec3>> {
+    let (mut gram, mut right, mut row) = (Vec::new(), Vec::<[f64; 3]>::new(), Vec::new());
+    for (((first, last), value), weight) in rows.zip(values).zip(weights) {
+        row.clear();
+        row.extend(first.iter().copied().chain(last));
         let size = row.len();
         if gram.is_empty() {
             (gram, right) = (vec![0.0; size * size], vec![[0.0; 3]; size]);

@@ -6,7 +6,7 @@ use super::cells::SurfaceGeometry;
 use super::observed::{clip_level, is_clipped};
 use super::outliers::outliers;
 use super::paint_segmentation::segment_paint;
-use super::pattern::segment_pattern;
+use super::pattern::{Pattern, segment_pattern};
 use super::{ObservationReport, ObservationSettings, SceneError};
 use crate::picture::{Plane, luminance};
 
@@ -108,9 +108,13 @@ pub(super) fn judge(
     if !settings.keep_colours {
         let usable = |at| statuses[at] == PixelStatus::Used;
         let other = match segment_pattern(rgb, &usable, underlay) {
-            Some(pattern) => {
-                pattern_ratio = Some(pattern.ratio);
-                Some(pattern.other)
+            Some(Pattern { mut other, ratio }) => {
+                pattern_ratio = Some(ratio);
+                // Small regions of a third paint.
+                if let Some(third) = segment_paint(rgb, &|at| usable(at) && !other[at], underlay) {
+                    other.as_mut_slice().iter_mut().zip(third.as_slice()).for_each(|(other, third)| *other |= third);
+                }
+                Some(other)
             }
             None => segment_paint(rgb, &usable, underlay),
         };

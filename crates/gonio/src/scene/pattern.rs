@@ -22,6 +22,7 @@ use gonio_linalg::eigenvectors;
 
 use super::cells::{Cells, SurfaceGeometry};
 use super::components::neighbours;
+use super::outliers::median;
 use super::shading::{ShadingBasis, TwoPaints};
 use crate::picture::{Plane, luminance};
 
@@ -35,6 +36,9 @@ const DIFFERENCES: (isize, usize) = (3, 6);
 /// Residual of a difference that counts as a step, and the smallest share of such differences.
 /// Without steps, there is no pattern.
 const STEP: (f64, f64) = (0.15, 0.005);
+/// Number of rounds of this fit. After the first three, photographs without half as many steps are
+/// rejected: most photographs show one paint.
+const DIFFERENCE_ROUNDS: usize = 12;
 /// Degrees of the shading in the rounds of step 2, and the largest number of rounds of each.
 const DEGREES: [(usize, usize); 2] = [(4, 25), (6, 8)];
 /// Squared residual, in units of the squared scale, beyond which a cell does not decide.
@@ -61,9 +65,8 @@ const MIN_DIFFERENCE: f64 = 0.25;
 const MIN_RISE: f64 = 0.05;
 /// Range of the median step, relative to the difference of the groups. Patterns have 0.88 to 1.1.
 const MEDIAN_STEP: [f64; 2] = [0.8, 1.25];
-/// Largest standard deviation of the steps from their median, relative to it, by their median
-/// absolute deviation. Patterns have
-/// 0.05 to 0.4, reflections 0.6 to 2.
+/// Largest spread of the steps about their median, relative to it: a standard deviation, computed
+/// from the median absolute deviation. Patterns have 0.05 to 0.4, reflections 0.6 to 2.
 const MAX_SPREAD: f64 = 0.45;
 
 /// The smaller part of a pattern of two paints.
@@ -103,7 +106,7 @@ pub(super) fn segment_pattern(
     }
     // The weights belong to the groups before their parts moved.
     let fit = basis.fit_two(&groups.tones, &groups.other, &weights)?;
-    let (weights, _) = groups.weights(&fit);
+    let weights = groups.weights(&fit, groups.scale(&fit));
     let step = basis.fit_two(&groups.tones, &groups.other, &weights)?.step;
     let steps: Vec<DVec3> = groups.steps().into_iter().map(|step| step.change).collect();
     // Shadows lower all channels.
@@ -115,7 +118,7 @@ pub(super) fn segment_pattern(
         return None;
     }
     let margin = if cells.side > 1 { 1 } else { 2 };
-    let ignored = groups.beyond_margin(margin);
+    let ignored = groups.with_margin(margin);
     let remaining = groups.places.iter().filter(|at| !ignored[**at]).count();
     let is_enough = remaining as f64 >= MIN_REMAINING * groups.places.len() as f64;
     is_enough.then(|| Pattern { other: cells.pixels(&ignored, rgb.size()), ratio: groups.ratio(step) })
@@ -214,11 +217,10 @@ impl Groups {
             let steep = residuals.iter().filter(|r| **r > STEP.0).count();
             steep as f64 >= share * residuals.len() as f64
         };
-        for round in 0..12 {
+        for round in 0..DIFFERENCE_ROUNDS {
             coefficients = differences.fit(&changes, &weights)?;
             let fitted = differences.values(&coefficients);
             residuals = changes.iter().zip(&fitted).map(|(a, b)| (*a - *b).abs().max_element()).collect();
-            // Most photographs are of one paint: the first rounds suffice for them.
             if round == 2 && !has_steps(&residuals, 0.5 * STEP.1) {
                 return None;
             }
@@ -242,7 +244,7 @@ impl Groups {
         for round in 0..rounds {
             let fit = basis.fit_two(&self.tones, &self.other, &weights)?;
             step = fit.step;
-            let (_, scale) = self.weights(&fit);
+            let scale = self.scale(&fit);
             let square = |i: usize, other: bool| {
                 let relative = self.residual(&fit, i, other) / scale;
                 (relative * relative).min(DVec3::splat(MAX_SQUARE)).element_sum()
@@ -256,7 +258,7 @@ impl Groups {
             let assigned: Vec<bool> = (0..count).map(|i| around(i) > 0.0).collect();
             let moved = assigned.iter().zip(&self.other).filter(|(a, b)| a != b).count();
             self.other = assigned;
-            weights = self.weights_at(&fit, scale);
+            weights = self.weights(&fit, scale);
             if moved * 10_000 < count && round > 2 {
                 break;
             }
@@ -269,14 +271,14 @@ impl Groups {
         self.tones[i] - fit.shading[i] - if other { fit.step } else { DVec3::ZERO }
     }
 
-    /// Returns the weights of the cells for the next fit, and the scale of the residuals.
-    fn weights(&self, fit: &TwoPaints) -> (Vec<f64>, DVec3) {
+    /// Returns the scale of the residuals of each channel.
+    fn scale(&self, fit: &TwoPaints) -> DVec3 {
         let of_channel = |c: usize| (0..self.other.len()).map(move |i| self.residual(fit, i, self.other[i])[c]);
-        let scale = DVec3::from_array([0, 1, 2].map(|c| deviation(of_channel(c)) + MIN_SCALE));
-        (self.weights_at(fit, scale), scale)
+        DVec3::from_array([0, 1, 2].map(|c| deviation(of_channel(c)) + MIN_SCALE))
     }
 
-    fn weights_at(&self, fit: &TwoPaints, scale: DVec3) -> Vec<f64> {
+    /// Returns the weights of the cells for the next fit.
+    fn weights(&self, fit: &TwoPaints, scale: DVec3) -> Vec<f64> {
         let weight = |i: usize| {
             let own = (self.residual(fit, i, self.other[i]) / scale).abs().max_element();
             1.0 / (1.0 + (own / HALF_WEIGHT).powi(2))
@@ -367,7 +369,7 @@ impl Groups {
 
     /// Returns the cells of the second group and those within `margin` cells of it. A cell without
     /// a tone belongs to the group of the nearest cell with one.
-    fn beyond_margin(&self, margin: usize) -> Plane<bool> {
+    fn with_margin(&self, margin: usize) -> Plane<bool> {
         let size = self.index.size();
         let mut group = self.index.map(|index| index.map(|i| self.other[i]));
         let mut front = self.places.clone();
@@ -413,16 +415,6 @@ fn two_groups(residuals: &[DVec3]) -> Vec<bool> {
     }
     let middle = 0.5 * (centres[0] + centres[1]);
     along.into_iter().map(|x| x > middle).collect()
-}
-
-/// Returns the median; zero without values.
-fn median(values: impl Iterator<Item = f64>) -> f64 {
-    let mut values: Vec<f64> = values.collect();
-    if values.is_empty() {
-        return 0.0;
-    }
-    let middle = values.len() / 2;
-    *values.select_nth_unstable_by(middle, f64::total_cmp).1
 }
 
 /// Returns the standard deviation about zero of normal values with this median absolute value.

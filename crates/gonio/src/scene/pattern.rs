@@ -5,7 +5,8 @@
 //! same step wherever the paint changes. The segmentation separates the two:
 //!
 //! 1. A robust fit of shading to differences between neighbouring cells, for which steps are
-//!    outliers, leaves two groups of cells.
+//!    outliers, leaves two groups of cells. If the result is not a pattern, a second fit leaves out
+//!    the rim.
 //! 2. Alternately, shading and step are fitted to the groups, and each cell joins the paint that it
 //!    agrees with better.
 //! 3. Parts of a group without the step along their border join the other group.
@@ -33,6 +34,9 @@ const MIN_CELLS: usize = 500;
 /// Distance of cells whose differences are fitted, in cells, and the degree of the shading in this
 /// fit. With a degree of 4, labels are mistaken for shading.
 const DIFFERENCES: (isize, usize) = (3, 6);
+/// Smallest z of the normals whose differences are fitted, in each start. Reflections at the rim
+/// can hide a label on a bright ball.
+const STARTS: [f32; 2] = [-1.0, 0.45];
 /// Residual of a difference that counts as a step, and the smallest share of such differences.
 /// Without steps, there is no pattern.
 const STEP: (f64, f64) = (0.15, 0.005);
@@ -65,6 +69,8 @@ const MIN_DIFFERENCE: f64 = 0.25;
 const MIN_RISE: f64 = 0.05;
 /// Range of the median step, relative to the difference of the groups. Patterns have 0.88 to 1.1.
 const MEDIAN_STEP: [f64; 2] = [0.8, 1.25];
+/// Smallest median step if the smaller part is brighter, as the image of a lamp is.
+const MIN_BRIGHT_STEP: f64 = 0.9;
 /// Largest spread of the steps about their median, relative to it: a standard deviation, computed
 /// from the median absolute deviation. Patterns have 0.05 to 0.4, reflections 0.6 to 2.
 const MAX_SPREAD: f64 = 0.45;
@@ -86,7 +92,12 @@ pub(super) fn segment_pattern(
     surface: &SurfaceGeometry<'_>,
 ) -> Option<Pattern> {
     let cells = Cells::of(rgb, usable, surface, (CELLS, false))?;
-    let mut groups = Groups::of(&cells)?;
+    STARTS.into_iter().find_map(|min_z| segment_cells(&cells, min_z, surface.convex, rgb.size()))
+}
+
+/// Detects a pattern from the start with normals of at least `min_z`, in a picture of `size`.
+fn segment_cells(cells: &Cells, min_z: f32, is_convex: bool, size: (usize, usize)) -> Option<Pattern> {
+    let mut groups = Groups::of(cells, min_z)?;
     let (mut step, mut weights) = (DVec3::ZERO, vec![1.0; groups.tones.len()]);
     let mut basis = ShadingBasis::new(&[], 0);
     for (degree, rounds) in DEGREES {
@@ -111,7 +122,7 @@ pub(super) fn segment_pattern(
     let steps: Vec<DVec3> = groups.steps().into_iter().map(|step| step.change).collect();
     // Shadows lower all channels.
     let is_shadow = step.max_element() < MIN_RISE || step.min_element() > -MIN_RISE;
-    if is_shadow && !surface.convex {
+    if is_shadow && !is_convex {
         return None;
     }
     if !is_pattern(step, &steps) {
@@ -121,7 +132,7 @@ pub(super) fn segment_pattern(
     let ignored = groups.with_margin(margin);
     let remaining = groups.places.iter().filter(|at| !ignored[**at]).count();
     let is_enough = remaining as f64 >= MIN_REMAINING * groups.places.len() as f64;
-    is_enough.then(|| Pattern { other: cells.pixels(&ignored, rgb.size()), ratio: groups.ratio(step) })
+    is_enough.then(|| Pattern { other: cells.pixels(&ignored, size), ratio: groups.ratio(step) })
 }
 
 /// Whether the steps along the border of two groups are those of two paints that differ by `step`.
@@ -134,7 +145,8 @@ fn is_pattern(step: DVec3, steps: &[DVec3]) -> bool {
     let relative = || steps.iter().map(|step| step[channel] / difference);
     let middle = median(relative());
     let spread = deviation(relative().map(|step| step - middle)) / middle;
-    (MEDIAN_STEP[0]..=MEDIAN_STEP[1]).contains(&middle) && spread <= MAX_SPREAD
+    let least = if difference > 0.0 { MIN_BRIGHT_STEP } else { MEDIAN_STEP[0] };
+    (least..=MEDIAN_STEP[1]).contains(&middle) && spread <= MAX_SPREAD
 }
 
 /// Cells in two groups.
@@ -158,8 +170,9 @@ struct Step {
 }
 
 impl Groups {
-    /// Divides the cells into two groups by what a smooth shading leaves; `None` without steps.
-    fn of(cells: &Cells) -> Option<Self> {
+    /// Divides the cells into two groups by what a smooth shading leaves; `None` without steps. The
+    /// shading is fitted to normals of at least `min_z`.
+    fn of(cells: &Cells, min_z: f32) -> Option<Self> {
         let size = cells.tones.size();
         let places: Vec<(usize, usize)> = (0..size.1)
             .flat_map(|v| (0..size.0).map(move |u| (u, v)))
@@ -173,7 +186,8 @@ impl Groups {
         let tones: Vec<DVec3> = places.iter().filter_map(|at| cells.tones[*at]).collect();
         let normals: Vec<Vec3> = places.iter().map(|at| cells.normals[*at]).collect();
         let mut groups = Self { index, places, tones, normals, other: Vec::new() };
-        groups.other = two_groups(&groups.without_shading()?);
+        let is_fitted: Vec<bool> = groups.normals.iter().map(|normal| normal.z >= min_z).collect();
+        groups.other = two_groups(&groups.without_shading(&is_fitted)?, &is_fitted);
         Some(groups)
     }
 
@@ -196,14 +210,16 @@ impl Groups {
     }
 
     /// Returns the tones less a smooth shading, about their median. The shading is fitted to
-    /// differences of cells, so that steps are outliers. Returns `None` without steps.
-    fn without_shading(&self) -> Option<Vec<DVec3>> {
+    /// differences of the cells in `is_fitted`, so that steps are outliers. Returns `None` without
+    /// steps.
+    fn without_shading(&self, is_fitted: &[bool]) -> Option<Vec<DVec3>> {
         let (span, degree) = DIFFERENCES;
         let pairs: Vec<(usize, usize)> = [(span, 0), (0, span)]
             .into_iter()
             .flat_map(|offset| {
                 self.places.iter().enumerate().filter_map(move |(i, at)| Some((i, self.at(*at, offset)?)))
             })
+            .filter(|(i, j)| is_fitted[*i] && is_fitted[*j])
             .collect();
         if pairs.is_empty() {
             return None;
@@ -232,7 +248,8 @@ impl Groups {
         }
         let shading = basis.without_constant(&coefficients);
         let left: Vec<DVec3> = self.tones.iter().zip(&shading).map(|(tone, shading)| *tone - *shading).collect();
-        let middle = DVec3::from_array([0, 1, 2].map(|c| median(left.iter().map(|v| v[c]))));
+        let fitted = || left.iter().zip(is_fitted).filter(|(_, is_fitted)| **is_fitted).map(|(value, _)| *value);
+        let middle = DVec3::from_array([0, 1, 2].map(|c| median(fitted().map(|v| v[c]))));
         Some(left.into_iter().map(|v| v - middle).collect())
     }
 
@@ -395,14 +412,14 @@ impl Groups {
     }
 }
 
-/// Divides residuals into two groups along their principal axis.
-fn two_groups(residuals: &[DVec3]) -> Vec<bool> {
-    let clipped = || residuals.iter().map(|r| r.clamp(-DVec3::ONE, DVec3::ONE));
-    let covariance = Mat::from_fn(3, 3, |i, j| clipped().map(|r| r[i] * r[j]).sum::<f64>());
+/// Divides residuals into two groups along the principal axis of those in `is_fitted`.
+fn two_groups(residuals: &[DVec3], is_fitted: &[bool]) -> Vec<bool> {
+    let clipped: Vec<DVec3> = residuals.iter().map(|r| r.clamp(-DVec3::ONE, DVec3::ONE)).collect();
+    let fitted = || clipped.iter().zip(is_fitted).filter(|(_, is_fitted)| **is_fitted).map(|(r, _)| *r);
+    let covariance = Mat::from_fn(3, 3, |i, j| fitted().map(|r| r[i] * r[j]).sum::<f64>());
     let (_, vectors) = eigenvectors(covariance.as_ref());
     let axis = DVec3::new(vectors[(0, 2)], vectors[(1, 2)], vectors[(2, 2)]);
-    let along: Vec<f64> = clipped().map(|r| r.dot(axis)).collect();
-    let mut sorted = along.clone();
+    let mut sorted: Vec<f64> = fitted().map(|r| r.dot(axis)).collect();
     sorted.sort_by(f64::total_cmp);
     let quantile = |share: f64| sorted[(share * (sorted.len() - 1) as f64) as usize];
     let mut centres = [quantile(0.25), quantile(0.75)];
@@ -414,7 +431,7 @@ fn two_groups(residuals: &[DVec3]) -> Vec<bool> {
         }
     }
     let middle = 0.5 * (centres[0] + centres[1]);
-    along.into_iter().map(|x| x > middle).collect()
+    clipped.iter().map(|r| r.dot(axis) > middle).collect()
 }
 
 /// Returns the standard deviation about zero of normal values with this median absolute value.

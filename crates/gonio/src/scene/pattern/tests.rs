@@ -56,6 +56,19 @@ fn ignores_the_smaller_part_of_a_pattern() {
 }
 
 #[test]
+fn detects_a_label_beside_a_bright_rim() {
+    let label = PATTERNS[4];
+    let rgb = ball(|n, _| {
+        // A large lamp behind the ball.
+        let rim = 12.0 * (0.6 - n.z).max(0.0) * (1.0 + n.x);
+        irradiance(n, 0.3) * (1.0 + rim) * if label(n) { 0.25 } else { 0.7 }
+    });
+    let found = segment(&rgb).unwrap();
+    assert!((found.ratio / (0.25 / 0.7)).ln().abs() < 0.1, "{}", found.ratio);
+    assert!(found.other[(150, 140)] && !found.other[(150, 240)]);
+}
+
+#[test]
 fn keeps_objects_of_one_material() {
     // Windows and a horizon, in a mirror and behind a coat on a coloured body.
     let room = |r: Vec3| {

@@ -124,6 +124,12 @@ pub(crate) struct InferOptions {
     /// Setting GONIO_NO_REPORT=1 has the same effect.
     #[arg(long, env = "GONIO_NO_REPORT", hide_env_values = true, value_parser = parse_yes, help_heading = OUTPUT)]
     no_report: bool,
+    /// Do not write pictures or report.html
+    ///
+    /// The pictures take about half of the time.
+    /// Setting GONIO_NO_PICTURES=1 has the same effect.
+    #[arg(long, env = "GONIO_NO_PICTURES", hide_env_values = true, value_parser = parse_yes, help_heading = OUTPUT)]
+    no_pictures: bool,
     #[command(flatten)]
     space: OutputSpace,
 }
@@ -346,8 +352,8 @@ pub(crate) fn run(options: &InferOptions) -> Result<Outcome> {
         side: options.grid.unwrap_or(32),
         shadows: !options.no_shadows,
         colours: options.colours()?,
-        pictures: true,
-        report: !options.no_report,
+        pictures: !options.no_pictures,
+        report: !(options.no_report || options.no_pictures),
         spaces: Spaces { input: options.scene.reading.colour_space(), output: options.space.space() },
         words: &suggestion::words,
     };
@@ -372,9 +378,13 @@ pub(crate) fn run(options: &InferOptions) -> Result<Outcome> {
     folder.fill(&answer.files().encode())?;
     line.finish();
     let output = output.display().to_string();
-    let page = if options.no_report { "result.json" } else { "report.html" };
+    let files = match (settings.pictures, settings.report) {
+        (true, true) => "light, pictures and report.html",
+        (true, false) => "light, pictures and result.json",
+        _ => "light and result.json",
+    };
     let mut text = format!(
-        "{output}: BRDF, light, pictures and {page} from {} pixels in {:.1} s",
+        "{output}: BRDF, {files} from {} pixels in {:.1} s",
         answer.scene.detection.observations.report.used_pixels,
         start.elapsed().as_secs_f64()
     );

@@ -64,7 +64,7 @@ def test_the_program_gives_the_same_coefficients(small, tmp_path):
 
 # Options of the program with another name in Python; None if the Python function does not need them.
 ELSEWHERE = {
-    "infer": {"no-align": "align", "mesh": "shape", "materials": "infer_regions", "no-shadows": "shadows", "paper": "method", "no-report": "report", "output": None},
+    "infer": {"no-align": "align", "mesh": "shape", "materials": "infer_regions", "no-shadows": "shadows", "paper": "method", "no-report": "report", "no-pictures": "pictures", "output": None},
     "check": {"no-align": "align", "mesh": "shape", "circle": "circles", "output": None},
     "merge": {"no-align": "align", "layer": None, "output": None, "save-response": None},
     "light": {"no-align": "align", "output": None},

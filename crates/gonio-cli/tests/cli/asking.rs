@@ -111,10 +111,15 @@ fn reads_a_photograph_from_standard_input() {
 }
 
 #[test]
-fn no_report_option_overrides_the_variable() {
+fn options_without_pictures_override_the_variables() {
     let bench = Bench::with_ball();
-    bench.run_with("infer ball.exr -o out --no-report --grid 8", &[("GONIO_NO_REPORT", "0")]).succeeds();
-    assert!(!bench.path("out/report.html").exists());
+    let wanted = [("GONIO_NO_REPORT", "0"), ("GONIO_NO_PICTURES", "0")];
+    let run = bench.run_with("infer ball.exr -o out --no-report --grid 8", &wanted).succeeds();
+    assert!(run.stdout.contains("BRDF, light, pictures and result.json"), "{run:?}");
+    assert!(bench.path("out/summary.png").exists() && !bench.path("out/report.html").exists());
+    let run = bench.run_with("infer ball.exr -o out --no-pictures --grid 8", &wanted).succeeds();
+    assert!(run.stdout.contains("BRDF, light and result.json"), "{run:?}");
+    assert_eq!(bench.names("out"), ["brdf.npz", "light.exr", "posterior.json", "result.json"]);
     bench.run_with("infer ball.exr -o out", &[("GONIO_NO_REPORT", "perhaps")]).fails(&["perhaps", "1 or 0"]);
 }
 
@@ -160,7 +165,7 @@ fn quiet_prints_only_errors() {
 fn verbose_prints_the_seconds_of_each_stage() {
     let bench = Bench::with_light_and_material();
     bench.write("ball.exr", &exr(&ball()));
-    let run = bench.run("infer ball.exr -o out --grid 8 --verbose").succeeds();
+    let run = bench.run_with_pictures("infer ball.exr -o out --grid 8 --verbose").succeeds();
     let seconds = |stage: &str| -> f64 {
         let line = run.stderr.lines().find_map(|line| line.strip_prefix(&format!("{stage}: ")));
         line.unwrap_or_else(|| panic!("{stage}: {run:?}")).trim_end_matches(" s").parse().unwrap()

@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 use crate::support::{ANSWER, Bench};
 
 /// Environment of runs that write pages. Other runs write no pages, for speed.
-const WITH_PAGES: [(&str, &str); 1] = [("GONIO_NO_REPORT", "false")];
+const WITH_PAGES: [(&str, &str); 2] = [("GONIO_NO_REPORT", "false"), ("GONIO_NO_PICTURES", "false")];
 
 /// Writes the result of the ball to a folder, and applies `change` to its `result.json`.
 fn result(bench: &Bench, folder: &str, change: impl FnOnce(&mut Value)) {

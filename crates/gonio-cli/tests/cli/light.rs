@@ -178,7 +178,7 @@ fn infers_a_brdf_with_a_mirror_ball_in_the_photograph() {
     gonio_io::merl::write(bench.path("in.binary"), &merl(&material(0.1, 0.3).scaled(0.5))).unwrap();
     bench.run("render --brdf in.binary --light light.hdr -o ball.exr --size 64").succeeds();
     bench.write("both.exr", &beside(&bench, "ball.exr", &light));
-    let line = "infer both.exr --mirror-ball 103,94,80 --mirror-reflectance 0.6 --no-report";
+    let line = "infer both.exr --mirror-ball 103,94,80 --mirror-reflectance 0.6";
     bench.run(&format!("{line} -o out")).succeeds();
     let result = bench.json("out/result.json");
     assert_eq!(result["method"], "known-light");
@@ -199,7 +199,7 @@ fn infers_a_brdf_with_a_mirror_ball_in_the_photograph() {
     // The light map from a ball of 80 pixels is blurred.
     assert!((ratio - 1.0).abs() < 0.1, "absolute albedo: {ratio}");
     // Without a reflectance, the scale is unknown.
-    bench.run("infer both.exr --mirror-ball 103,94,80 --no-report -o grey").succeeds();
+    bench.run("infer both.exr --mirror-ball 103,94,80 -o grey").succeeds();
     let result = bench.json("grey/result.json");
     assert_eq!(
         (&result["reflectance"]["absolute"], &result["reflectance"]["normal_albedo"]),

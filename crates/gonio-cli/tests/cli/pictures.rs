@@ -38,7 +38,7 @@ fn ignores_and_reports_negative_and_nan_pixels() {
     };
     let clean = logs(&bench.luminance("clean"));
     for shape in ["", "--normals normals.npy"] {
-        let run = bench.run(&format!("infer spoilt.exr -o spoilt --grid 8 {shape}")).succeeds();
+        let run = bench.run_with_pictures(&format!("infer spoilt.exr -o spoilt --grid 8 {shape}")).succeeds();
         assert!(
             run.stderr.contains("spoilt.exr: 500 of ") && run.stderr.contains("are negative, and 20 are NaN"),
             "{run:?}"
@@ -98,14 +98,14 @@ fn estimates_the_first_of_two_paints() {
     let peak = |folder: &str| {
         bench.json(&format!("{folder}/result.json"))["posterior"]["highlight"]["peak_to_body"]["50"].as_f64().unwrap()
     };
-    let run = bench.run("infer striped.exr -o out --no-report").succeeds();
+    let run = bench.run("infer striped.exr -o out --grid 8").succeeds();
     assert!(run.stderr.contains("two paints") && run.stderr.contains("--keep-colors"), "{run:?}");
     let ratio = bench.json("out/result.json")["observations"]["report"]["pattern_ratio"].as_f64().unwrap();
     // Which paint covers more is a matter of a few pixels.
     assert!((ratio.ln().abs() - 4.0_f64.ln()).abs() < 0.1, "{ratio}");
-    let kept = bench.run("infer striped.exr -o kept --no-report --keep-colors").succeeds();
+    let kept = bench.run("infer striped.exr -o kept --grid 8 --keep-colors").succeeds();
     assert!(!kept.stderr.contains("two paints"), "{kept:?}");
-    assert!(!bench.run("infer plain.exr -o plain --no-report").succeeds().stderr.contains("paint"));
+    assert!(!bench.run("infer plain.exr -o plain --grid 8").succeeds().stderr.contains("paint"));
     let (striped, plain, kept) = (peak("out"), peak("plain"), peak("kept"));
     assert!(striped < 3.0 * plain && kept > 5.0 * plain, "{striped} {plain} {kept}");
 }
@@ -128,7 +128,7 @@ fn ignores_paint_unless_colours_are_kept() {
     });
     let alpha = inside.map(|n| if *n == Vec3::ZERO { 0.0 } else { 1.0 });
     bench.write("painted.exr", &exr(&Picture { rgb, alpha: Some(alpha) }));
-    let run = bench.run("infer painted.exr -o out --grid 8").succeeds();
+    let run = bench.run_with_pictures("infer painted.exr -o out --grid 8").succeeds();
     assert!(run.stderr.contains("have another colour") && run.stderr.contains("--keep-colors"), "{run:?}");
     let report = bench.json("out/result.json")["observations"]["report"].clone();
     let (lost, points) = (report["other_colour"].as_f64().unwrap(), report["points"].as_f64().unwrap());

@@ -16,7 +16,7 @@ fn with(files: &[&str]) -> Bench {
 
 /// Returns the median roughness of an inference.
 fn roughness(bench: &Bench, line: &str) -> f64 {
-    bench.run(&format!("infer {line} -o out --grid 8 --no-report")).succeeds();
+    bench.run(&format!("infer {line} -o out --grid 8")).succeeds();
     bench.json("out/result.json")["posterior"]["highlight"]["roughness"]["50"].as_f64().unwrap()
 }
 
@@ -91,7 +91,7 @@ fn exif_variants_merge_or_state_the_cause() {
 fn exposure_of_a_light_map_does_not_change_the_albedo() {
     let bench = with(&["ball-in-light.exr", "light.hdr", "light-exposure-4.hdr"]);
     let albedo = |light: &str| {
-        bench.run(&format!("infer ball-in-light.exr --light {light} --absolute -o out --no-report")).succeeds();
+        bench.run(&format!("infer ball-in-light.exr --light {light} --absolute -o out")).succeeds();
         bench.json("out/result.json")["reflectance"]["normal_albedo"].as_f64().unwrap()
     };
     let (plain, scaled) = (albedo("light.hdr"), albedo("light-exposure-4.hdr"));

@@ -24,7 +24,7 @@ fn separates_balls_that_do_not_touch() {
     let bench = Bench::new();
     bench.write("balls.exr", &exr(&two_balls()));
     bench.run("infer balls.exr -o out --grid 8").succeeds();
-    assert_eq!(bench.names("out"), ["1", "2", "materials.png", "result.json"]);
+    assert_eq!(bench.names("out"), ["1", "2", "result.json"]);
     let result = bench.json("out/result.json");
     assert_eq!(result["regions"].as_array().unwrap().len(), 2);
     for name in ["1", "2"] {
@@ -38,14 +38,19 @@ fn separates_balls_that_do_not_touch() {
     let (half, radius) = (SIZE as f64 / 2.0, SIZE as f64 / 2.0 - 2.0);
     let circles = format!("--circle {half},{half},{radius} --circle {},{half},{radius}", half + SIZE as f64);
     bench.run(&format!("infer balls.exr -o out --grid 8 {circles}")).succeeds();
-    assert_eq!(bench.names("out"), ["1", "2", "materials.png", "result.json"]);
+    assert_eq!(bench.names("out"), ["1", "2", "result.json"]);
 }
 
 #[test]
 fn labels_name_the_regions() {
     let bench = Bench::with_ball();
     bench.write("labels.png", &labels(SIZE, SIZE));
-    bench.run_with("infer ball.exr -o out --grid 8 --materials labels.png", &[("GONIO_NO_REPORT", "false")]).succeeds();
+    bench
+        .run_with(
+            "infer ball.exr -o out --grid 8 --materials labels.png",
+            &[("GONIO_NO_REPORT", "false"), ("GONIO_NO_PICTURES", "false")],
+        )
+        .succeeds();
     assert_eq!(bench.names("out"), ["00ff00", "ff0000", "materials.png", "report.html", "result.json"]);
     let page = String::from_utf8(bench.read("out/report.html")).unwrap();
     assert!(page.contains("./ff0000/report.html"));

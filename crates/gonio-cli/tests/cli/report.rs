@@ -10,7 +10,7 @@ use serde_json::Value;
 use crate::support::Bench;
 
 /// Environment of runs that write the report. Other runs do not write it, for speed.
-const WITH_REPORT: [(&str, &str); 1] = [("GONIO_NO_REPORT", "false")];
+const WITH_REPORT: [(&str, &str); 2] = [("GONIO_NO_REPORT", "false"), ("GONIO_NO_PICTURES", "false")];
 
 /// Returns all values of an attribute.
 fn attributes<'a>(page: &'a str, name: &str) -> Vec<&'a str> {

@@ -195,7 +195,7 @@ fn inflates_outlines() {
     bench.run(&format!("{render} -o ball.exr")).succeeds();
     bench.run(&format!("{render} --mesh bunny -o bunny.exr")).succeeds();
     let peak = |line: &str| {
-        bench.run(&format!("infer {line} --grid 8 --no-report -o out")).succeeds();
+        bench.run_with_pictures(&format!("infer {line} --grid 8 -o out")).succeeds();
         let result = bench.json("out/result.json");
         (
             result["posterior"]["highlight"]["peak_to_body"]["50"].as_f64().unwrap(),
@@ -211,7 +211,7 @@ fn inflates_outlines() {
     // The picture of the normals is a normal map.
     let inflated = gonio_io::normals::read_normals(bench.path("out/normals.png")).unwrap();
     assert!((inflated[(48, 60)].length() - 1.0).abs() < 0.02 && inflated[(0, 0)] == Vec3::ZERO);
-    bench.run("infer bunny.exr --normals out/normals.png --grid 8 --no-report -o again").succeeds();
+    bench.run("infer bunny.exr --normals out/normals.png --grid 8 -o again").succeeds();
     assert!(!bench.path("again/normals.png").exists());
     assert!((0.7..0.97).contains(&shape["depth_factor"].as_f64().unwrap()), "{shape}");
     let said = bench.run("check bunny.exr --shape outline").succeeds().stdout;

@@ -102,6 +102,11 @@ impl Bench {
         self.run_with(line, &[])
     }
 
+    /// Runs the program as [`Self::run`] does, but with pictures.
+    pub(crate) fn run_with_pictures(&self, line: &str) -> Run {
+        Run::of(&self.command(line).env_remove("GONIO_NO_PICTURES").output().unwrap())
+    }
+
     /// Runs the program with environment variables.
     pub(crate) fn run_with(&self, line: &str, environment: &[(&str, &str)]) -> Run {
         Run::of(&self.command(line).envs(environment.iter().copied()).output().unwrap())
@@ -118,8 +123,9 @@ impl Bench {
         command
             .args(line.split_whitespace())
             .current_dir(self.0.path())
-            // The report takes longer than everything else; the tests in report.rs enable it.
+            // Pictures and report take longer than everything else; the tests of both enable them.
             .env("GONIO_NO_REPORT", "true")
+            .env("GONIO_NO_PICTURES", "true")
             .env("GONIO_CACHE_DIR", Path::new(env!("CARGO_TARGET_TMPDIR")).join("plans"));
         command
     }
@@ -186,7 +192,7 @@ impl Files {
 /// Output of `gonio infer` for the ball, which all tests share.
 pub(crate) static ANSWER: LazyLock<Files> = LazyLock::new(|| {
     let bench = Bench::with_ball();
-    bench.run("infer ball.exr -o out --grid 8").succeeds();
+    bench.run_with_pictures("infer ball.exr -o out --grid 8").succeeds();
     bench.files("out")
 });
 

@@ -3,15 +3,19 @@
 #
 #   tools/nightly.sh [SECONDS]
 #
-# 1. kills, small disks, crowds of processes, and threads (the ignored tests of gonio-cli);
-# 2. the interactive sphere of the report against brute-force integration, in Chromium;
-# 3. the Blender add-on in Blender;
-# 4. each fuzz target for SECONDS (60 by default; requires a nightly toolchain).
+# 1. the fit of all measured materials against Cook-Torrance (requires GONIO_DATA);
+# 2. kills, small disks, crowds of processes, and threads (the ignored tests of gonio-cli);
+# 3. the interactive sphere of the report against brute-force integration, in Chromium;
+# 4. the Blender add-on in Blender;
+# 5. each fuzz target for SECONDS (60 by default; requires a nightly toolchain).
 #
 # Run .ci/run first, which installs the packages.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 seconds=${1:-60}
+
+echo "== measured materials"
+cargo test -p gonio-eval -p shared-features --test eval -- --ignored
 
 echo "== reliability"
 cargo test -p gonio-cli -p shared-features --test cli -- --ignored reliability

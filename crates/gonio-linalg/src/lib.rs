@@ -1,6 +1,7 @@
 //! Linear algebra and vectorised loops whose results do not depend on the number of threads.
 //!
-//! * [`eigenvectors`], [`solve_positive`], [`principal_axes`]: symmetric matrices, on one thread;
+//! * [`eigenvectors`], [`solve_positive`], [`principal_axes`], [`weighted_gram`]: symmetric
+//!   matrices, on one thread;
 //! * [`Cholesky`]: factors of large matrices, in bands of columns on all threads;
 //! * [`column_bands`], [`each_column`]: columns of a matrix, processed concurrently;
 //! * [`dispatch`]: runs a loop with the widest vector instructions of the processor.
@@ -13,4 +14,4 @@ mod symmetric;
 pub use cholesky::{Cholesky, bands_of};
 pub use columns::{column_bands, each_column, squared_norms};
 pub use kernels::{add_product, axpy, dispatch, dot};
-pub use symmetric::{eigenvectors, principal_axes, project, solve_positive};
+pub use symmetric::{eigenvectors, principal_axes, project, solve_positive, weighted_gram};

@@ -43,6 +43,20 @@ pub fn solve_positive(mut matrix: Mat<f64>, right: &[f64]) -> Option<Vec<f64>> {
     solution.iter().all(|v| v.is_finite()).then_some(solution)
 }
 
+/// Returns `A W A'` (m x m) for a column-major `A` (m x n) and non-negative weights (n), on one
+/// thread.
+pub fn weighted_gram(a: MatRef<'_, f64>, weights: &[f64]) -> Mat<f64> {
+    let mut scaled = a.to_owned();
+    for (column, weight) in scaled.as_mut().col_iter_mut().zip(weights) {
+        let root = weight.sqrt();
+        let column = column.try_as_col_major_mut().expect("columns of a column-major matrix are contiguous");
+        column.as_slice_mut().iter_mut().for_each(|x| *x *= root);
+    }
+    let mut gram = Mat::zeros(a.nrows(), a.nrows());
+    matmul(gram.as_mut(), Accum::Replace, &scaled, scaled.transpose(), 1.0, Par::Seq);
+    gram
+}
+
 /// Returns the inner product of `x - mean` and an axis.
 pub fn project(x: &[f64], mean: &[f64], axis: &[f64]) -> f64 {
     x.iter().zip(mean).zip(axis).map(|((x, m), a)| (x - m) * a).sum()
@@ -70,4 +84,20 @@ pub fn principal_axes(rows: &[Vec<f64>], rank: usize) -> (Vec<f64>, Vec<Vec<f64>
         variances.push(values[k] / n as f64);
     }
     (mean, axes, variances)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn weighted_gram_matches_sums_of_products() {
+        let a = Mat::from_fn(3, 50, |i, j| ((7 * i + 3 * j) % 11) as f64 - 4.0);
+        let weights: Vec<f64> = (0..50).map(|j| (j % 4) as f64).collect();
+        let gram = weighted_gram(a.as_ref(), &weights);
+        for (i, k) in (0..3).flat_map(|i| (0..3).map(move |k| (i, k))) {
+            let want: f64 = (0..50).map(|j| weights[j] * a[(i, j)] * a[(k, j)]).sum();
+            assert!((gram[(i, k)] - want).abs() < 1e-10 * want.abs().max(1.0), "{i} {k}");
+        }
+    }
 }

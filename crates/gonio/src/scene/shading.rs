@@ -5,14 +5,14 @@
 
 use faer::Mat;
 use glam::{DVec3, Vec3};
-use gonio_linalg::{axpy, solve_positive};
+use gonio_linalg::{axpy, solve_positive, weighted_gram};
 
 /// Relative ridge of the least squares: directions that no normal determines remain zero.
 const RIDGE: f64 = 1e-7;
 
-/// Polynomials of the normals of many cells, one row per cell; the first is constant.
+/// Polynomials of the normals of many cells, one column per cell; the first is constant.
 pub(super) struct ShadingBasis {
-    rows: Vec<Vec<f64>>,
+    columns: Mat<f64>,
 }
 
 /// Shading with a step between two paints.
@@ -26,37 +26,58 @@ pub(super) struct TwoPaints {
 impl ShadingBasis {
     /// Evaluates `(degree + 1)^2` polynomials at each unit normal.
     pub(super) fn new(normals: &[Vec3], degree: usize) -> Self {
-        Self { rows: normals.iter().map(|normal| polynomials(normal.as_dvec3(), degree)).collect() }
+        let mut columns = Mat::zeros((degree + 1) * (degree + 1), normals.len());
+        for (i, normal) in normals.iter().enumerate() {
+            columns.col_as_slice_mut(i).copy_from_slice(&polynomials(normal.as_dvec3(), degree));
+        }
+        Self { columns }
     }
 
-    /// Returns the differences between pairs of rows, without the constant.
+    /// Returns the differences between pairs of cells, without the constant.
     pub(super) fn differences(&self, pairs: &[(usize, usize)]) -> Self {
-        let difference = |(i, j): &(usize, usize)| {
-            self.rows[*i][1..].iter().zip(&self.rows[*j][1..]).map(|(from, to)| to - from).collect()
-        };
-        Self { rows: pairs.iter().map(difference).collect() }
+        let mut columns = Mat::zeros(self.columns.nrows() - 1, pairs.len());
+        for (k, (i, j)) in pairs.iter().enumerate() {
+            let (from, to) = (&self.columns.col_as_slice(*i)[1..], &self.columns.col_as_slice(*j)[1..]);
+            let difference = columns.col_as_slice_mut(k).iter_mut();
+            difference.zip(from.iter().zip(to)).for_each(|(difference, (from, to))| *difference = to - from);
+        }
+        Self { columns }
     }
 
-    /// Returns the sum of all functions but the constant at each row, for the coefficients of their
-    /// differences.
+    /// Returns the sum of all functions but the constant at each cell, for the coefficients of
+    /// their differences.
     pub(super) fn without_constant(&self, coefficients: &[DVec3]) -> Vec<DVec3> {
-        self.rows.iter().map(|row| sum(&row[1..], coefficients)).collect()
+        self.sums(1, coefficients)
     }
 
-    /// Returns the sum of all functions at each row.
+    /// Returns the sum of all functions at each cell.
     pub(super) fn values(&self, coefficients: &[DVec3]) -> Vec<DVec3> {
-        self.rows.iter().map(|row| sum(row, coefficients)).collect()
+        self.sums(0, coefficients)
+    }
+
+    fn sums(&self, first: usize, coefficients: &[DVec3]) -> Vec<DVec3> {
+        let sum = |i: usize| {
+            let functions = &self.columns.col_as_slice(i)[first..];
+            functions.iter().zip(coefficients).map(|(x, c)| *x * *c).sum()
+        };
+        (0..self.columns.ncols()).map(sum).collect()
     }
 
     /// Fits coefficients to `values` by weighted least squares.
     pub(super) fn fit(&self, values: &[DVec3], weights: &[f64]) -> Option<Vec<DVec3>> {
-        least_squares(self.rows.iter().map(|row| (row.as_slice(), None)), values, weights)
+        least_squares(&self.columns, values, weights)
     }
 
     /// Fits shading and a step of the cells in `other`.
     pub(super) fn fit_two(&self, values: &[DVec3], other: &[bool], weights: &[f64]) -> Option<TwoPaints> {
-        let rows = self.rows.iter().zip(other).map(|(row, other)| (row.as_slice(), Some(f64::from(u8::from(*other)))));
-        let mut coefficients = least_squares(rows, values, weights)?;
+        let size = self.columns.nrows();
+        let mut columns = Mat::zeros(size + 1, self.columns.ncols());
+        for (i, other) in other.iter().enumerate() {
+            let column = columns.col_as_slice_mut(i);
+            column[..size].copy_from_slice(self.columns.col_as_slice(i));
+            column[size] = f64::from(u8::from(*other));
+        }
+        let mut coefficients = least_squares(&columns, values, weights)?;
         let step = coefficients.pop()?;
         Some(TwoPaints { shading: self.values(&coefficients), step })
     }
@@ -86,40 +107,20 @@ fn polynomials(normal: DVec3, degree: usize) -> Vec<f64> {
     all
 }
 
-fn sum(row: &[f64], coefficients: &[DVec3]) -> DVec3 {
-    row.iter().zip(coefficients).map(|(x, c)| *x * *c).sum()
-}
-
-/// Solves weighted least squares for three channels. A row may have one more value than its slice.
-fn least_squares<'a>(
-    rows: impl Iterator<Item = (&'a [f64], Option<f64>)>,
-    values: &[DVec3],
-    weights: &[f64],
-) -> Option<Vec<DVec3>> {
-    let (mut gram, mut right, mut row) = (Vec::new(), Vec::<[f64; 3]>::new(), Vec::new());
-    for (((first, last), value), weight) in rows.zip(values).zip(weights) {
-        row.clear();
-        row.extend(first.iter().copied().chain(last));
-        let size = row.len();
-        if gram.is_empty() {
-            (gram, right) = (vec![0.0; size * size], vec![[0.0; 3]; size]);
-        }
-        for (i, x) in row.iter().enumerate() {
-            axpy(weight * x, &row[..=i], &mut gram[i * size..=i * size + i]);
-            (0..3).for_each(|c| right[i][c] += weight * x * value[c]);
+/// Solves weighted least squares for three channels; one column per value.
+fn least_squares(columns: &Mat<f64>, values: &[DVec3], weights: &[f64]) -> Option<Vec<DVec3>> {
+    let size = columns.nrows();
+    let mut gram = weighted_gram(columns.as_ref(), weights);
+    let ridge = RIDGE * (0..size).map(|i| gram[(i, i)]).fold(0.0, f64::max);
+    (0..size).for_each(|i| gram[(i, i)] += ridge);
+    let mut right = [0, 1, 2].map(|_| vec![0.0; size]);
+    for (i, (value, weight)) in values.iter().zip(weights).enumerate() {
+        for (c, right) in right.iter_mut().enumerate() {
+            axpy(weight * value[c], columns.col_as_slice(i), right);
         }
     }
-    let size = right.len();
-    let ridge = RIDGE * (0..size).map(|i| gram[i * size + i]).fold(0.0, f64::max);
-    let matrix = Mat::from_fn(size, size, |i, j| {
-        let lower = gram[i.max(j) * size + i.min(j)];
-        if i == j { lower + ridge } else { lower }
-    });
-    let channel = |c: usize| {
-        let right: Vec<f64> = right.iter().map(|r| r[c]).collect();
-        solve_positive(matrix.clone(), &right)
-    };
-    let (x, y, z) = (channel(0)?, channel(1)?, channel(2)?);
+    let [x, y, z] = right.map(|right| solve_positive(gram.clone(), &right));
+    let (x, y, z) = (x?, y?, z?);
     Some((0..size).map(|i| DVec3::new(x[i], y[i], z[i])).collect())
 }
 
@@ -136,7 +137,7 @@ mod tests {
     fn polynomials_span_the_harmonics_of_their_degree() {
         let normals = normals();
         let basis = ShadingBasis::new(&normals, 4);
-        assert_eq!(basis.rows[0].len(), 25);
+        assert_eq!(basis.columns.nrows(), 25);
         // A harmonic of degree 4: 35 z^4 - 30 z^2 + 3.
         let values: Vec<DVec3> =
             normals.iter().map(|n| DVec3::splat(f64::from(35.0 * n.z.powi(4) - 30.0 * n.z.powi(2) + 3.0))).collect();

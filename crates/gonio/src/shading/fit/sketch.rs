@@ -1,10 +1,12 @@
 //! Approximate pictures of smooth models from few evaluations, for the search.
 
+use std::f64::consts::PI;
+
 use glam::DVec3;
 use gonio_linalg::{dispatch, dot};
 
 use crate::reflectance::parametric::{HORIZON, directions};
-use crate::reflectance::{BivariateTable, CELLS, PHI_D, THETA_D, THETA_H, angles_of, theta_d_of, theta_h_of};
+use crate::reflectance::{BivariateTable, CELLS, THETA_D, THETA_H, angles_of, theta_d_of, theta_h_of};
 use crate::render::Relighter;
 use crate::shading::Shading;
 
@@ -13,8 +15,9 @@ const STEP_H: usize = 3;
 /// Difference angles (degrees) at which a model is evaluated, dense where reflectance rises.
 const ALONG_D: [usize; 12] = [0, 10, 20, 30, 40, 50, 60, 68, 74, 79, 84, 89];
 
-/// Degrees between azimuths `phi_d`.
-const AZIMUTHS: usize = 20;
+/// Number of azimuths `phi_d`: the middle of each of equal parts of the quarter circle, every
+/// second one mirrored to the other quarter. Reciprocal models have equal values in both quarters.
+const AZIMUTHS: usize = 6;
 
 /// Smallest mean product of both cosines by which a model is scaled for interpolation.
 const MIN_COSINES: f64 = 1e-3;
@@ -110,7 +113,11 @@ impl Sketch {
 
 /// Returns the directions of a cell, at the azimuths with light and viewer above the horizon.
 fn above(theta_h: f64, theta_d: f64) -> Vec<(DVec3, DVec3)> {
-    let all = (0..PHI_D).step_by(AZIMUTHS).map(|phi| directions(theta_h, theta_d, (phi as f64).to_radians()));
+    let azimuth = |i: usize| {
+        let in_quarter = 0.5 * PI * (i as f64 + 0.5) / AZIMUTHS as f64;
+        if i.is_multiple_of(2) { in_quarter } else { PI - in_quarter }
+    };
+    let all = (0..AZIMUTHS).map(|i| directions(theta_h, theta_d, azimuth(i)));
     all.filter(|(wi, wo)| wi.z > HORIZON && wo.z > HORIZON).collect()
 }
 
@@ -139,7 +146,7 @@ mod tests {
     #[test]
     fn sketch_approximates_the_picture() {
         let model = MetallicRoughness::of(&[0.5, 0.2, 0.1, 0.3, 0.35, 1.4, 1.0, 0.9, 0.8, 0.5, 0.9]);
-        let tables = model.to_bivariate(AZIMUTHS);
+        let tables = model.to_bivariate(6);
         let settings = IntegratorSettings { tolerance: 0.5, max_cells: 8000 };
         let points = Lattice::new().points(DQuat::IDENTITY);
         let relighters = Relighter::of_channels(&points, &tables, &LightTree::of_map(&studio_light(32)), &settings);

@@ -135,8 +135,8 @@ impl<'a> InferenceContext<'a> {
 
     /// Returns the rule for the colours of a scene, from its reference if it has one, and the
     /// assumption on the colour of the light in words.
-    pub(crate) fn rule_of(&self, seen: &ObservedScene) -> (ColouringRule, &'static str) {
-        seen.reference.as_ref().map_or(self.rule, |reference| reference.rule())
+    pub(crate) fn rule_of(&self, observed: &ObservedScene) -> (ColouringRule, &'static str) {
+        observed.reference.as_ref().map_or(self.rule, |reference| reference.rule())
     }
 
     /// Returns the settings of observations.
@@ -171,35 +171,35 @@ pub(crate) fn of_one(
     progress_log: &ProgressLog<'_>,
 ) -> Result<InferenceResult, AppError> {
     let (image, linear) = (scene.name(), scene.linear);
-    let mut seen = scene.observe(None, context.observing(settings), &mut warnings, progress_log)?;
+    let mut observed = scene.observe(None, context.observing(settings), &mut warnings, progress_log)?;
     if let Some(ball) = settings.method.mirror_ball() {
-        ball.check_apart(&seen.detection, image)?;
+        ball.check_apart(&observed.detection, image)?;
     }
     let mut own = Vec::new();
-    let mut found = solve(context, &seen, (image, linear), settings, &mut own, progress_log)?;
+    let mut found = solve(context, &observed, (image, linear), settings, &mut own, progress_log)?;
     if let ("misfit", misfit) = found.residual
         && misfit > CONTRADICTED
-        && let Some(refined) = seen.detection.refined(scene.picture())
+        && let Some(refined) = observed.detection.refined(scene.picture())
     {
-        let inflated = std::mem::replace(&mut seen.detection, refined);
+        let inflated = std::mem::replace(&mut observed.detection, refined);
         let mut others = Vec::new();
         // Without a second estimate, the first one remains.
-        match solve(context, &seen, (image, linear), settings, &mut others, progress_log) {
+        match solve(context, &observed, (image, linear), settings, &mut others, progress_log) {
             Ok(other) if other.residual.1 < misfit => {
                 (found, own) = (other, others);
             }
-            _ => seen.detection = inflated,
+            _ => observed.detection = inflated,
         }
     }
     warnings.append(&mut own);
     if let ("misfit", misfit) = found.residual
-        && let Some(error) = contradiction(image, misfit).filter(|_| !seen.force)
+        && let Some(error) = contradiction(image, misfit).filter(|_| !observed.force)
     {
-        let suggested = remedies(&seen, settings.method.light_suggestion());
+        let suggested = remedies(&observed, settings.method.light_suggestion());
         return Err(suggested.into_iter().fold(error, AppError::with).with(Suggestion::Force));
     }
-    let found = found.scaled_by_reference(&seen, image, &mut warnings);
-    Ok(assemble(context, seen, found, image, settings, warnings, progress_log))
+    let found = found.scaled_by_reference(&observed, image, &mut warnings);
+    Ok(assemble(context, observed, found, image, settings, warnings, progress_log))
 }
 
 /// Returns the error for an estimate that does not reproduce its photograph `image`; `None` if the
@@ -213,12 +213,12 @@ pub fn contradiction(image: &str, misfit: f64) -> Option<AppError> {
 
 /// Returns suggestions for a photograph that its shape and the estimate do not reproduce, the most
 /// probable first.
-fn remedies(seen: &ObservedScene, of_light: Option<Suggestion>) -> Vec<Suggestion> {
-    let of_shape = match &seen.detection.placed {
+fn remedies(observed: &ObservedScene, of_light: Option<Suggestion>) -> Vec<Suggestion> {
+    let of_shape = match &observed.detection.placed {
         Some(placed) if placed.default_camera => vec![Suggestion::Camera, Suggestion::Pose],
         Some(_) => vec![Suggestion::Pose],
-        None if seen.detection.circle().is_some() => vec![Suggestion::Outline],
-        None if matches!(seen.detection.shape, gonio::scene::DetectedShape::Outline(_)) => {
+        None if observed.detection.circle().is_some() => vec![Suggestion::Outline],
+        None if matches!(observed.detection.shape, gonio::scene::DetectedShape::Outline(_)) => {
             vec![Suggestion::Mesh, Suggestion::Normals]
         }
         None => Vec::new(),
@@ -229,29 +229,31 @@ fn remedies(seen: &ObservedScene, of_light: Option<Suggestion>) -> Vec<Suggestio
 /// Estimates the BRDF of an object, and the light unless it is known.
 pub(crate) fn solve(
     context: &InferenceContext<'_>,
-    seen: &ObservedScene,
+    observed: &ObservedScene,
     (image, linear): (&str, bool),
     settings: &Settings<'_>,
     warnings: &mut Vec<Warning>,
     progress_log: &ProgressLog<'_>,
 ) -> Result<MethodResult, AppError> {
     let InferenceContext { model, known_light, .. } = context;
-    let rule = &context.rule_of(seen).0;
-    let observations = &seen.detection.observations;
+    let rule = &context.rule_of(observed).0;
+    let observations = &observed.detection.observations;
     let begin = |stage: EstimateStage| progress_log.report(stage.name(), 0.0);
-    let blame = |error: gonio::estimate::EstimateError| AppError::of(image, error);
+    let to_error = |error: gonio::estimate::EstimateError| AppError::of(image, error);
     match (&settings.method, known_light) {
-        (Method::KnownLight(ask), Some(map)) => {
-            let found = estimate_known_light(model, observations, (map, ask.alignment), rule, &begin).map_err(blame)?;
+        (Method::KnownLight(known), Some(map)) => {
+            let found =
+                estimate_known_light(model, observations, (map, known.alignment), rule, &begin).map_err(to_error)?;
             let known_light = Some(found.corrected(map));
-            let scale = if ask.absolute { found.exposure } else { 1.0 };
+            let scale = if known.absolute { found.exposure } else { 1.0 };
             for diagnostic in found.diagnostics() {
-                let aligns = (ask.alignment != Alignment::Around).then(|| settings.method.light_suggestion()).flatten();
-                let suggested = if diagnostic.is_misfit() { remedies(seen, aligns) } else { Vec::new() };
+                let aligns =
+                    (known.alignment != Alignment::Around).then(|| settings.method.light_suggestion()).flatten();
+                let suggested = if diagnostic.is_misfit() { remedies(observed, aligns) } else { Vec::new() };
                 warnings.push(Warning::of(image, diagnostic).with(suggested));
             }
-            if ask.absolute && scale * ALBEDO > MAX_ALBEDO {
-                let cause = match ask.map {
+            if known.absolute && scale * ALBEDO > MAX_ALBEDO {
+                let cause = match known.map {
                     LightMapSource::Map(_) => "photograph and light map do not have the same scale",
                     LightMapSource::MirrorBall(_) => "the specified reflectance of the mirror ball is too high",
                 };
@@ -262,10 +264,9 @@ pub(crate) fn solve(
                 warnings.push(Warning::of(image, text));
             }
             let mut document = document::new(settings.method.name());
-            document::set_known_light(&mut document, &found, ask, linear);
+            document::set_known_light(&mut document, &found, known, linear);
             let KnownLightEstimate { material, misfit, colouring, .. } = found;
             let table = material.table.clone();
-            let left = ("misfit", misfit);
             let material = Some(material);
             Ok(MethodResult {
                 table,
@@ -273,20 +274,24 @@ pub(crate) fn solve(
                 material,
                 light: None,
                 known_light,
-                residual: left,
+                residual: ("misfit", misfit),
                 colouring,
                 document,
                 fits: None,
             })
         }
         (Method::Learnt, _) => {
-            let ask = settings.estimate(*rule);
+            let estimate_settings = settings.estimate(*rule);
             let wanted = settings.pictures && settings.report;
             let fit = |table: &BivariateTable, colouring: &Colouring| {
                 wanted.then(|| Fits::of(&colouring.field().tables(table), false))
             };
-            let (found, fits) = estimate_with_task(model, observations, &ask, &begin, fit).map_err(blame)?;
-            Ok(MethodResult { fits, ..MethodResult::blind(found, (seen, image), (&ask, linear), warnings) })
+            let (found, fits) =
+                estimate_with_task(model, observations, &estimate_settings, &begin, fit).map_err(to_error)?;
+            Ok(MethodResult {
+                fits,
+                ..MethodResult::blind(found, (observed, image), (&estimate_settings, linear), warnings)
+            })
         }
         (method, known_light) => {
             let Some(paper) = method.paper() else { return Err(AppError::new("this method requires a known light")) };
@@ -297,14 +302,13 @@ pub(crate) fn solve(
             let light = light.map(|grid| grid.coloured(colouring.light()));
             document.settings.linear = Some(linear);
             let known_light = known_light.clone();
-            let left = ("noise", noise);
             Ok(MethodResult {
                 table,
                 scale: 1.0,
                 material: None,
                 light,
                 known_light,
-                residual: left,
+                residual: ("noise", noise),
                 colouring,
                 document,
                 fits: None,
@@ -318,12 +322,12 @@ impl MethodResult {
     /// photograph `image`. `linear` is true if integer values were read as linear radiance.
     pub(crate) fn blind(
         found: Estimate,
-        (seen, image): (&ObservedScene, &str),
+        (observed, image): (&ObservedScene, &str),
         (settings, linear): (&EstimateSettings, bool),
         warnings: &mut Vec<Warning>,
     ) -> Self {
         for diagnostic in found.diagnostics() {
-            let suggested = if diagnostic.is_misfit() { remedies(seen, None) } else { Vec::new() };
+            let suggested = if diagnostic.is_misfit() { remedies(observed, None) } else { Vec::new() };
             warnings.push(Warning::of(image, diagnostic).with(suggested));
         }
         let mut document = document::new(Method::Learnt.name());
@@ -348,11 +352,11 @@ impl MethodResult {
     /// Scales the estimate by the reference in the photograph, if the reference determines a scale.
     pub(crate) fn scaled_by_reference(
         mut self,
-        seen: &ObservedScene,
+        observed: &ObservedScene,
         image: &str,
         warnings: &mut Vec<Warning>,
     ) -> Self {
-        let Some(reference) = &seen.reference else { return self };
+        let Some(reference) = &observed.reference else { return self };
         let scale = match (&self.light, &self.material) {
             (Some(light), Some(_)) => reference.scale(light),
             _ => None,
@@ -374,15 +378,15 @@ impl MethodResult {
 /// Assembles the result: pictures, report and `result.json`.
 pub(crate) fn assemble(
     context: &InferenceContext<'_>,
-    seen: ObservedScene,
+    observed: ObservedScene,
     found: MethodResult,
     image: &str,
     settings: &Settings<'_>,
     mut warnings: Vec<Warning>,
     progress_log: &ProgressLog<'_>,
 ) -> InferenceResult {
-    let (model, (rule, assumption)) = (&context.model, &context.rule_of(&seen));
-    let MethodResult { table, scale, material, light, known_light, residual: left, colouring, document, fits } = found;
+    let (model, (rule, assumption)) = (&context.model, &context.rule_of(&observed));
+    let MethodResult { table, scale, material, light, known_light, residual, colouring, document, fits } = found;
     if matches!((rule, &colouring), (ColouringRule::Estimate { .. }, Colouring::Median(_))) {
         let problem = "the model has no colour model; the BRDF has the median colour of the photograph";
         warnings.push(Warning::of(image, problem));
@@ -398,22 +402,22 @@ pub(crate) fn assemble(
         space: spaces.output,
         shadows: settings.shadows,
         saved: material.as_ref().and_then(|material| combine::saved(model, image, material, &colouring)),
-        scene: seen,
+        scene: observed,
         table,
         scale,
         material,
         light,
         known_light,
-        residual: left,
+        residual,
         colouring,
     };
     let absolute = answer.document.reflectance.absolute;
     let fits = settings.pictures.then(|| answer.draw(settings.report, absolute, fits, progress_log)).flatten();
     let seconds = progress_log.seconds();
     let total: f64 = seconds.iter().map(|(_, seconds)| seconds).sum();
-    let (used, (word, left)) = (answer.scene.detection.observations.report.used_pixels, answer.residual);
+    let (used, (residual_name, residual)) = (answer.scene.detection.observations.report.used_pixels, answer.residual);
     let method = settings.method.name();
-    answer.caption = format!("{method} | {used} pixels | {word} {:.1} % | {total:.0} s", 100.0 * left);
+    answer.caption = format!("{method} | {used} pixels | {residual_name} {:.1} % | {total:.0} s", 100.0 * residual);
     let seconds = seconds.into_iter().chain([("total", total)]);
     answer.document = ResultDocument {
         image: Some(image.to_owned()),

@@ -66,19 +66,20 @@ pub fn check(
     let mut warnings = Vec::new();
     let scene = scene.load(&mut warnings, progress_log)?;
     let regions = regions.or_else(|| shows_several_balls(&scene).then_some(Regions::Balls));
-    let mut look =
+    let mut observe =
         |region: Option<&RegionMask>| scene.observe(region, Observing::default(), &mut warnings, progress_log);
     let objects = match &regions {
         None => {
-            let seen = look(None).map_err(|problem| CheckError::of(problem, scene.picture()))?;
-            vec![DetectedObject { name: None, scene: seen }]
+            let observed = observe(None).map_err(|problem| CheckError::of(problem, scene.picture()))?;
+            vec![DetectedObject { name: None, scene: observed }]
         }
         Some(regions) => {
             let mut objects = Vec::new();
             let parts = region_masks(&scene, regions).map_err(|problem| CheckError::of(problem, scene.picture()))?;
             for part in parts {
-                let seen = look(Some(&part)).map_err(|problem| problem.within(&format!("region {}", part.name)))?;
-                objects.push(DetectedObject { name: Some(part.name), scene: seen });
+                let observed =
+                    observe(Some(&part)).map_err(|problem| problem.within(&format!("region {}", part.name)))?;
+                objects.push(DetectedObject { name: Some(part.name), scene: observed });
             }
             objects
         }

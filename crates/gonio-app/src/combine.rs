@@ -99,7 +99,7 @@ pub fn combine(
     }
     progress_log.report("posterior", 0.0);
     let likelihoods: Vec<_> = given.iter().map(|(_, saved)| saved.likelihood.clone()).collect();
-    let Combined { material, agreement } = multiply(model, &likelihoods).map_err(|error| blame(given, &error))?;
+    let Combined { material, agreement } = multiply(model, &likelihoods).map_err(|error| to_error(given, &error))?;
     let saved: Vec<SavedChroma> = given.iter().filter_map(|(_, saved)| saved.chroma.clone()).collect();
     let chroma = SavedChroma::mean(&saved);
     let field = chroma.as_ref().map_or(ChromaField::GREY, SavedChroma::field);
@@ -114,7 +114,7 @@ pub fn combine(
 }
 
 /// Converts the error and adds the name of the faulty photograph, if there is one.
-fn blame(given: &[(String, SavedPosterior)], error: &EstimateError) -> AppError {
+fn to_error(given: &[(String, SavedPosterior)], error: &EstimateError) -> AppError {
     match error {
         EstimateError::Product(ProductError::Contradiction { at, .. } | ProductError::Model(at)) => {
             AppError::of(&given[*at].0, error)

@@ -41,7 +41,7 @@ impl MirrorBall {
         warnings: &mut Vec<Warning>,
     ) -> Result<EnvironmentMap, AppError> {
         let (name, picture) = (scene.name(), scene.picture());
-        let blame = |error: gonio::probe::ProbeError| {
+        let to_error = |error: gonio::probe::ProbeError| {
             AppError::of(name, format!("mirror ball: {error}")).with(Suggestion::MirrorBall)
         };
         let reflectance = Reflectance::new(self.reflectance).map_err(|error| AppError::new(error.to_string()))?;
@@ -56,8 +56,8 @@ impl MirrorBall {
             Some(camera) => Object::Ball(*camera),
         };
         let disk = disk_of(&self.circle, size);
-        let view = View::of(&opaque(picture), Some(&disk), &object, scene.photograph.clip).map_err(blame)?;
-        let found = probe(&view, None, &ProbeSettings { reflectance, rows: None }).map_err(blame)?;
+        let view = View::of(&opaque(picture), Some(&disk), &object, scene.photograph.clip).map_err(to_error)?;
+        let found = probe(&view, None, &ProbeSettings { reflectance, rows: None }).map_err(to_error)?;
         let oddities = view.scene_warnings().into_iter().chain(found.report.scene_warnings());
         warnings.extend(oddities.map(|odd| Warning::from(format!("{name}: mirror ball: {odd}"))));
         let is_ball = matches!(scene.object, Object::Sphere(_));

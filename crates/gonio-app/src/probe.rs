@@ -36,7 +36,7 @@ pub struct LightProbe {
     /// The light: a lat-long map of linear radiance in the space of the first camera.
     pub light: Plane<Vec3>,
     /// Observed share of each texel, 0..=1; the rest is filled.
-    pub seen: Plane<f32>,
+    pub coverage: Plane<f32>,
     /// Diagnostic picture, as linear display values: the photographs with their ignored pixels, and
     /// the map with its filled parts.
     pub picture: Plane<Vec3>,
@@ -70,17 +70,18 @@ pub fn light_probe(mirror: ProbePhotographs, progress_log: &ProgressLog<'_>) -> 
         Some((scene, degrees)) => Some((ObservedBall::of(scene, &of_second, &mut warnings, progress_log)?, degrees)),
     };
     progress_log.report("unwrapping", 0.0);
-    let all = || std::iter::once(&first).chain(second.as_ref().map(|(seen, _)| seen));
-    let names = all().map(|seen| seen.name.clone()).collect::<Vec<_>>().join(" and ");
-    for seen in all() {
-        warnings.extend(seen.view.scene_warnings().iter().map(|odd| warning(&seen.name, odd)));
+    let all = || std::iter::once(&first).chain(second.as_ref().map(|(source, _)| source));
+    let names = all().map(|source| source.name.clone()).collect::<Vec<_>>().join(" and ");
+    for source in all() {
+        warnings.extend(source.view.scene_warnings().iter().map(|scene_warning| warning(&source.name, scene_warning)));
     }
     let mut notes = json!({ "photograph": first.notes() });
     if let Some((second, _)) = &second {
         notes["second"] = second.notes();
     }
     let (name, first) = (first.name, first.view);
-    let second = second.map(|(seen, degrees)| SecondView { view: seen.view, azimuth: degrees.map(f64::to_radians) });
+    let second =
+        second.map(|(source, degrees)| SecondView { view: source.view, azimuth: degrees.map(f64::to_radians) });
     let found = probe(&first, second.as_ref(), &settings).map_err(|error| {
         let about_settings = matches!(error, ProbeError::Rows { .. } | ProbeError::Angle);
         let problem = match &second {
@@ -90,13 +91,13 @@ pub fn light_probe(mirror: ProbePhotographs, progress_log: &ProgressLog<'_>) -> 
         };
         error.suggestions().into_iter().fold(problem, AppError::with)
     })?;
-    warnings.extend(found.report.scene_warnings().iter().map(|odd| warning(&names, odd)));
+    warnings.extend(found.report.scene_warnings().iter().map(|scene_warning| warning(&names, scene_warning)));
     if let (Some(notes), Value::Object(report)) = (notes.as_object_mut(), json!(found.report)) {
         notes.extend(report);
     }
     let views: Vec<&View> = std::iter::once(&first).chain(second.as_ref().map(|second| &second.view)).collect();
     let picture = draw(&views, &found);
-    Ok(LightProbe { light: found.light.radiance().clone(), seen: found.coverage, picture, notes, warnings })
+    Ok(LightProbe { light: found.light.radiance().clone(), coverage: found.coverage, picture, notes, warnings })
 }
 
 fn warning(name: &str, odd: &ProbeWarning) -> Warning {

@@ -78,7 +78,7 @@ impl Reference {
         warnings: &mut Vec<Warning>,
     ) -> Result<MeasuredReference, AppError> {
         let (rgb, size) = (&picture.rgb, picture.rgb.size());
-        let blame = |error: ReferenceError| {
+        let to_error = |error: ReferenceError| {
             error
                 .suggestions()
                 .into_iter()
@@ -96,20 +96,21 @@ impl Reference {
         match &self.target {
             ReferenceTarget::White(Circle { x, y, radius }) => disk(size, (*x, *y), *radius)
                 .and_then(|region| patch(ReferenceKind::WhitePatch, region, WHITE_REFLECTANCE))
-                .map_err(blame),
+                .map_err(to_error),
             ReferenceTarget::GreyCard(mask) => {
                 let of_mask = mask.name("the mask of the grey card");
                 let mask = read_mask(Some(mask.clone()), size, warnings)?;
                 let region = mask.map_or_else(|| rgb.map(|_| false), |mask| mask.map(|covered| *covered > 0.5));
-                patch(ReferenceKind::GreyCard, region, GREY_REFLECTANCE).map_err(|error| blame(error).within(&of_mask))
+                patch(ReferenceKind::GreyCard, region, GREY_REFLECTANCE)
+                    .map_err(|error| to_error(error).within(&of_mask))
             }
             ReferenceTarget::Chart(corners) => {
                 let read = match corners {
                     Some(corners) => ChartReading::of(rgb, corners, clip),
                     None => find_chart(rgb, clip),
                 };
-                let read = read.map_err(blame)?;
-                check_apart(&read.region(size), |x, y| detection.contains(x, y)).map_err(blame)?;
+                let read = read.map_err(to_error)?;
+                check_apart(&read.region(size), |x, y| detection.contains(x, y)).map_err(to_error)?;
                 Ok(self.chart(name, &read, warnings))
             }
         }

@@ -127,45 +127,47 @@ fn of_regions(
 ) -> Result<RegionsResult, AppError> {
     let (name, linear) = (scene.name(), scene.linear);
     let parts = region_masks(scene, regions)?;
-    let mut looked = Vec::new();
+    let mut observed_parts = Vec::new();
     for part in &parts {
         let mut own = Vec::new();
-        let seen = scene
+        let observed = scene
             .observe(Some(part), context.observing(settings), &mut own, progress_log)
             .map_err(|problem| problem.within(&format!("region {}", part.name)))?;
-        looked.push((seen, own));
+        observed_parts.push((observed, own));
     }
     // All regions share the reference of the photograph.
-    let rule = looked.first().map_or(context.rule, |(seen, _)| context.rule_of(seen)).0;
-    let together = match settings.method {
+    let rule = observed_parts.first().map_or(context.rule, |(observed, _)| context.rule_of(observed)).0;
+    let estimates = match settings.method {
         Method::Learnt => {
-            let all: Vec<&Observations> = looked.iter().map(|(seen, _)| &seen.detection.observations).collect();
-            let ask = settings.estimate(rule);
+            let all: Vec<&Observations> =
+                observed_parts.iter().map(|(observed, _)| &observed.detection.observations).collect();
+            let estimate_settings = settings.estimate(rule);
             let begin = |stage: EstimateStage| progress_log.report(stage.name(), 0.0);
-            let found = estimate_regions(&context.model, &all, &ask, &begin)
+            let found = estimate_regions(&context.model, &all, &estimate_settings, &begin)
                 .map_err(|(at, error)| AppError::of(name, error).within(&format!("region {}", parts[at].name)))?;
             found.into_iter().map(Some).collect()
         }
         _ => vec![None; parts.len()],
     };
-    let mut done = Vec::new();
-    for ((part, (seen, mut own)), beside) in parts.iter().zip(looked).zip(together) {
-        let relative_albedo = beside.as_ref().map(|beside: &RegionEstimate| beside.relative_albedo);
-        let found = match beside {
+    let mut results = Vec::new();
+    for ((part, (observed, mut own)), estimate) in parts.iter().zip(observed_parts).zip(estimates) {
+        let relative_albedo = estimate.as_ref().map(|estimate: &RegionEstimate| estimate.relative_albedo);
+        let found = match estimate {
             Some(RegionEstimate { estimate, relative_albedo }) => {
-                let ask = settings.estimate(rule);
-                let mut found = MethodResult::blind(estimate, (&seen, name), (&ask, linear), &mut own);
+                let estimate_settings = settings.estimate(rule);
+                let mut found =
+                    MethodResult::blind(estimate, (&observed, name), (&estimate_settings, linear), &mut own);
                 found.document.relative_albedo = Some(relative_albedo);
                 found
             }
-            None => solve(context, &seen, (name, linear), settings, &mut own, progress_log)
+            None => solve(context, &observed, (name, linear), settings, &mut own, progress_log)
                 .map_err(|problem| problem.within(&format!("region {}", part.name)))?,
         };
-        let found = found.scaled_by_reference(&seen, name, &mut own);
-        let answer = assemble(context, seen, found, name, settings, own, progress_log);
-        done.push(Region { name: part.name.clone(), result: answer, relative_albedo });
+        let found = found.scaled_by_reference(&observed, name, &mut own);
+        let answer = assemble(context, observed, found, name, settings, own, progress_log);
+        results.push(Region { name: part.name.clone(), result: answer, relative_albedo });
     }
-    Ok(RegionsResult::of(name, scene.picture(), &parts, done, &warnings, settings))
+    Ok(RegionsResult::of(name, scene.picture(), &parts, results, &warnings, settings))
 }
 
 /// Returns the regions with their masks.

@@ -161,11 +161,11 @@ impl LoadedScene {
             Some(_) => &self.names.of_region(),
         };
         let settings = ObservationSettings { clip: *clip, keep_colours, force, ..settings };
-        let mut detection = Detection::of(picture, mask, object, &settings).map_err(|error| names.blame(&error))?;
+        let mut detection = Detection::of(picture, mask, object, &settings).map_err(|error| names.to_error(&error))?;
         warnings.extend(detection.scene_warnings.iter().map(|odd| names.warn(odd)));
         if let Some(grid) = shadows.filter(|_| detection.placed.is_some()) {
             progress_log.report("shadows", 0.0);
-            detection.shadow(grid, &|x| progress_log.report("shadows", x)).map_err(|error| names.blame(&error))?;
+            detection.shadow(grid, &|x| progress_log.report("shadows", x)).map_err(|error| names.to_error(&error))?;
         }
         let given = (names.image.as_str(), picture, *clip);
         let measure = |reference: &Reference| reference.measure(given, &detection, warnings);
@@ -201,14 +201,16 @@ pub(crate) fn read_mask(
         return Ok(Some(mask));
     }
     let ((w, h), (pw, ph)) = (mask.size(), size);
-    let said = |what: &str| {
+    let message = |what: &str| {
         let text = format!("the mask is {w}x{h} pixels, but the photograph is {pw}x{ph}; {what}");
         if name == UNNAMED_MASK { text } else { format!("{name}: {text}") }
     };
     if !alike(mask.size(), size) {
-        return Err(AppError::new(said("use a mask of the same aspect ratio, at most eight times smaller or larger")));
+        return Err(AppError::new(message(
+            "use a mask of the same aspect ratio, at most eight times smaller or larger",
+        )));
     }
-    warnings.push(said("gonio scales the mask").into());
+    warnings.push(message("gonio scales the mask").into());
     Ok(Some(resampled(&mask, size)))
 }
 
@@ -254,7 +256,7 @@ impl InputNames {
     }
 
     /// Returns the error, with the faulty input.
-    fn blame(&self, error: &SceneError) -> AppError {
+    fn to_error(&self, error: &SceneError) -> AppError {
         AppError::of_scene(self.origin(error), error)
     }
 

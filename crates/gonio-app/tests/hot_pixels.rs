@@ -131,7 +131,7 @@ fn one_wrong_pixel_changes_no_interval_under_a_known_light() {
     };
     let clean = gloss(&picture);
     let red = Vec3::new(5.0, 0.035, 0.035);
-    for (at, value) in [((78, 51), Vec3::splat(20.0)), ((60, 180), red)] {
+    for (at, value) in [((128, 128), Vec3::splat(20.0)), ((78, 51), Vec3::splat(20.0)), ((60, 180), red)] {
         let mut bad = picture.clone();
         bad.rgb[at] = value;
         assert_same(&clean, &gloss(&bad), &format!("{value} at {at:?}"));

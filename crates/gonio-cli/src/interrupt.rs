@@ -10,14 +10,14 @@ pub(crate) fn watch() {
     #[cfg(unix)]
     if let Ok(mut signals) = signal_hook::iterator::Signals::new([SIGINT, SIGTERM]) {
         std::thread::spawn(move || {
-            let mut told = signals.forever();
-            if let Some(signal) = told.next() {
+            let mut received = signals.forever();
+            if let Some(signal) = received.next() {
                 std::thread::spawn(move || {
                     gonio_io::atomic::abandon();
                     end(signal);
                 });
             }
-            if let Some(signal) = told.next() {
+            if let Some(signal) = received.next() {
                 end(signal);
             }
         });

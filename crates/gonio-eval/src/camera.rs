@@ -203,8 +203,8 @@ mod tests {
     #[test]
     fn the_table_has_medians_and_shares() {
         let one = |relative: f64, gloss: f64, coverage| Errors { relative, log: 2.0 * relative, gloss, coverage };
-        let seen = vec![one(0.1, 0.0, Some([0.4, 0.8])), one(0.3, -2.0, Some([0.6, 1.0])), one(0.2, 1.0, None)];
-        let table = report([("some", &seen), ("flat", &vec![one(0.5, 3.0, None)])].into_iter());
+        let observed = vec![one(0.1, 0.0, Some([0.4, 0.8])), one(0.3, -2.0, Some([0.6, 1.0])), one(0.2, 1.0, None)];
+        let table = report([("some", &observed), ("flat", &vec![one(0.5, 3.0, None)])].into_iter());
         assert!(table.contains("| some | 3 | 0.200 | 0.400 | 33 % | 50 / 90 |"), "{table}");
         assert!(table.contains("| flat | 1 | 0.500 | 1.000 | 100 % | - |"), "{table}");
     }

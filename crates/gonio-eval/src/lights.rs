@@ -306,11 +306,16 @@ mod tests {
             .filter(|n| n.z > 80.0_f64.to_radians().cos())
             .map(|normal| SurfacePoint { normal, view: glam::DVec3::Z })
             .collect();
-        let seen = vec![Some(1.0); points.len()];
+        let observed = vec![Some(1.0); points.len()];
         let settings = TransferSettings::default();
         let grey = truth.iter().map(|x| glam::Vec3::splat(*x as f32)).collect();
-        let rows =
-            gonio_paper::Projected::unprojected(&points, &seen, std::slice::from_ref(&brdf), &model.light, &settings);
+        let rows = gonio_paper::Projected::unprojected(
+            &points,
+            &observed,
+            std::slice::from_ref(&brdf),
+            &model.light,
+            &settings,
+        );
         let image =
             rows.unwrap().bilinear.apply(&LightGrid::from_texels(model.light.map, side, grey).coefficients(), &[1.0]);
         let found = find(&points, &image, &brdf, &model.light).unwrap();

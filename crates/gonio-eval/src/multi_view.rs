@@ -95,16 +95,16 @@ impl Errors {
     fn of(
         material: &Material,
         field: &ChromaField,
-        seen: &PhotographedMaterial,
+        subject: &PhotographedMaterial,
         operators: &[[Relighter; 3]],
     ) -> Result<Self> {
         let quantiles: [Vec<f32>; 4] = material.quantiles.clone().try_into().ok().context("four quantiles")?;
         let widths = quantiles[0].iter().zip(&quantiles[3]).map(|(low, high)| f64::from((high / low).ln()));
         Ok(Self {
-            relit: Relit::of(&[[&field.tables(&material.table), &seen.rgb]], operators),
-            error: brdf_error(&material.table, &seen.truth),
+            relit: Relit::of(&[[&field.tables(&material.table), &subject.rgb]], operators),
+            error: brdf_error(&material.table, &subject.truth),
             width: mean(&widths.collect::<Vec<f64>>()),
-            coverage: coverage(&material.table, &quantiles, &seen.truth),
+            coverage: coverage(&material.table, &quantiles, &subject.truth),
         })
     }
 }
@@ -169,7 +169,7 @@ pub(crate) fn run(data: &Path, options: &MultiViewOptions) -> Result<()> {
         let photographs = maps.iter().map(|map| photograph(&rgb, map)).collect::<Result<_>>()?;
         all.push(PhotographedMaterial { name, truth: BivariateTable::luminance(&rgb), rgb, photographs });
     }
-    let (balls, tables) = (points(RELIT_NORMALS), all.iter().map(|seen| seen.truth.clone()).collect::<Vec<_>>());
+    let (balls, tables) = (points(RELIT_NORMALS), all.iter().map(|subject| subject.truth.clone()).collect::<Vec<_>>());
     let operator = |name: &String| Ok(Relighter::of_channels(&balls, &tables, &lights.tree(name)?, &DRAFT));
     let operators: Vec<[Relighter; 3]> = options.relight.iter().map(operator).collect::<Result<_>>()?;
     if options.only != Some(Study::Regions) {
@@ -193,23 +193,23 @@ fn photographs(
     let (mut blind, mut lit, mut refused) = (none(), none(), 0);
     let mut likelihoods: Vec<[Vec<Likelihood>; 2]> = Vec::new();
     let rule = ColouringRule::default();
-    for seen in all {
+    for subject in all {
         let of_blind = |one: &Observations| -> Result<One> {
             let material = Material::of(model, one, 32)?;
             let colouring = Colouring::of(model, one, &material.table, &rule);
             Ok(One { material, colouring })
         };
-        let blind_ones: Vec<One> = seen.photographs.iter().map(of_blind).collect::<Result<_>>()?;
+        let blind_ones: Vec<One> = subject.photographs.iter().map(of_blind).collect::<Result<_>>()?;
         let under = |(one, map): (&Observations, &EnvironmentMap)| -> Result<One> {
             let found = estimate_known_light(model, one, (map, Alignment::Near), &rule, &|_| ())?;
             Ok(One { material: found.material, colouring: found.colouring })
         };
-        let lit_ones: Vec<One> = seen.photographs.iter().zip(maps).map(under).collect::<Result<_>>()?;
-        refused += collect(model, &blind_ones, seen, operators, &mut blind)?;
-        refused += collect(model, &lit_ones, seen, operators, &mut lit)?;
+        let lit_ones: Vec<One> = subject.photographs.iter().zip(maps).map(under).collect::<Result<_>>()?;
+        refused += collect(model, &blind_ones, subject, operators, &mut blind)?;
+        refused += collect(model, &lit_ones, subject, operators, &mut lit)?;
         let of = |ones: Vec<One>| ones.into_iter().map(|one| one.material.posterior.likelihood).collect();
         likelihoods.push([of(blind_ones), of(lit_ones)]);
-        eprintln!("{}", seen.name);
+        eprintln!("{}", subject.name);
     }
     let mut crossed = [0, 0];
     let pairs = (0..all.len()).flat_map(|a| (0..all.len()).filter(move |b| *b != a).map(move |b| (a, b)));
@@ -247,8 +247,8 @@ fn regions(
     let (mut errors, mut relit) = (Vec::new(), Vec::new());
     for pair in all.windows(2) {
         for (at, light) in lights.iter().enumerate() {
-            let seen = [&pair[0].photographs[at], &pair[1].photographs[at]];
-            let found = estimate_regions(model, &seen, &settings, &|_| ()).map_err(|(_, error)| error)?;
+            let subject = [&pair[0].photographs[at], &pair[1].photographs[at]];
+            let found = estimate_regions(model, &subject, &settings, &|_| ()).map_err(|(_, error)| error)?;
             let ratio = (found[0].relative_albedo / found[1].relative_albedo).ln();
             let truth = (pair[0].truth.normal_albedo() / pair[1].truth.normal_albedo()).ln();
             eprintln!(
@@ -265,7 +265,7 @@ fn regions(
                     one.estimate.colouring.field().tables(&one.estimate.material.table.scaled(one.relative_albedo))
                 })
                 .collect();
-            let both: Vec<_> = tables.iter().zip(pair).map(|(found, seen)| [found, &seen.rgb]).collect();
+            let both: Vec<_> = tables.iter().zip(pair).map(|(found, subject)| [found, &subject.rgb]).collect();
             relit.push(Relit::of(&both, operators));
         }
     }
@@ -287,7 +287,7 @@ fn regions(
 fn collect(
     model: &Model,
     ones: &[One],
-    seen: &PhotographedMaterial,
+    subject: &PhotographedMaterial,
     operators: &[[Relighter; 3]],
     out: &mut [Vec<Errors>],
 ) -> Result<usize> {
@@ -306,7 +306,7 @@ fn collect(
                 let some: Vec<_> = (0..count).filter_map(|at| saved[(start + at) % saved.len()].clone()).collect();
                 SavedChroma::mean(&some).map_or(ChromaField::GREY, |chroma| chroma.field())
             };
-            out.push(Errors::of(&found, &field, seen, operators)?);
+            out.push(Errors::of(&found, &field, subject, operators)?);
         }
     }
     Ok(refused)

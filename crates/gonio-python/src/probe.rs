@@ -40,12 +40,12 @@ pub(crate) fn light_probe<'py>(
         let listener = |stage, fraction| reporter.at(stage, fraction);
         gonio_app::light_probe(mirror, &ProgressLog::new("reading", &listener))
     })?;
-    let (rows, columns) = (found.seen.height(), found.seen.width());
-    let seen = arrays::array(py, (rows, columns), found.seen.into_vec());
+    let (rows, columns) = (found.coverage.height(), found.coverage.width());
+    let coverage = arrays::array(py, (rows, columns), found.coverage.into_vec());
     let warnings = worded(&found.warnings);
     Ok((
         arrays::of_colours(py, found.light),
-        seen,
+        coverage,
         arrays::coded(py, &found.picture),
         found.notes.to_string(),
         warnings,

@@ -55,6 +55,7 @@ pub(crate) struct BatchOptions {
     /// Do not write compare.html
     ///
     /// Setting GONIO_NO_REPORT=1 has the same effect, and also disables report.html of each row.
+    /// GONIO_NO_PICTURES=1 disables the pictures and report.html of each row.
     #[arg(long, env = "GONIO_NO_REPORT", hide_env_values = true, value_parser = infer::parse_yes)]
     no_report: bool,
 }

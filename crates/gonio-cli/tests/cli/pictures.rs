@@ -31,7 +31,7 @@ fn ignores_and_reports_negative_and_nan_pixels() {
     bench.write("clean.exr", &exr(&BALL));
     bench.write("spoilt.exr", &exr(&spoilt()));
     bench.write("normals.npy", &encode_normals(&normals(SIZE)));
-    bench.run("infer clean.exr -o clean --grid 8").succeeds();
+    bench.run_with_pictures("infer clean.exr -o clean --grid 8").succeeds();
     assert!(!bench.path("clean/used.png").exists());
     let logs = |table: &BivariateTable| -> Vec<f64> {
         (0..60).flat_map(|h| (0..60).map(move |d| f64::from(table.as_slice()[90 * h + d]).ln())).collect()
@@ -134,6 +134,6 @@ fn ignores_paint_unless_colours_are_kept() {
     let (lost, points) = (report["other_colour"].as_f64().unwrap(), report["points"].as_f64().unwrap());
     assert!((0.02..0.1).contains(&(lost / points)), "{report}");
     assert!(bench.path("out/used.png").exists());
-    let kept = bench.run("infer painted.exr -o kept --grid 8 --keep-colors").succeeds();
+    let kept = bench.run_with_pictures("infer painted.exr -o kept --grid 8 --keep-colors").succeeds();
     assert!(!kept.stderr.contains("another colour") && !bench.path("kept/used.png").exists(), "{kept:?}");
 }

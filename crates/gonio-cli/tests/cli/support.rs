@@ -125,7 +125,7 @@ impl Bench {
             .current_dir(self.0.path())
             // Pictures and report take longer than everything else; the tests of both enable them.
             .env("GONIO_NO_REPORT", "true")
-            .env("GONIO_NO_PICTURES", "true")
+            .env("GONIO_NO_PICTURES", std::env::var_os("GONIO_NO_PICTURES").unwrap_or("true".into()))
             .env("GONIO_CACHE_DIR", Path::new(env!("CARGO_TARGET_TMPDIR")).join("plans"));
         command
     }

@@ -256,8 +256,8 @@ fn known_light(photograph: &Photograph<'_>, turned: bool) -> Result<Estimate> {
     let MaterialSpace { coordinates, places, colours: prior } =
         knowledge.space.as_ref().context("no space of materials")?;
     let materials = PriorMaterials::of(coordinates, places);
-    let seen = knowledge.points.iter().zip(image).step_by(*step);
-    let (points, values): (Vec<_>, Vec<f64>) = seen.map(|(p, v)| (*p, v.unwrap_or(0.0))).unzip();
+    let observed = knowledge.points.iter().zip(image).step_by(*step);
+    let (points, values): (Vec<_>, Vec<f64>) = observed.map(|(p, v)| (*p, v.unwrap_or(0.0))).unzip();
     let trust = vec![1.0; values.len()];
     let rows = ObservedPoints { points: &points, visibility: None, values: &values, weights: &trust };
     let (light, mut found) = if turned {

@@ -35,30 +35,30 @@ impl RgbErrors {
     /// the photograph.
     pub(super) fn of(
         object: &Captured,
-        seen: usize,
+        photograph: usize,
         (table, colouring, median): (&BivariateTable, &Colouring, &Colouring),
     ) -> Self {
         let tables = |field: ChromaField| {
             let [r, g, b] = field.tables(table);
             let channels: Channels<'_> = [&|h, d| r.eval(h, d), &|h, d| g.eval(h, d), &|h, d| b.eval(h, d)];
-            error(object, seen, channels, false)
+            error(object, photograph, channels, false)
         };
         let (grey, slice) = (|h, d| table.eval(h, d), |h, d| object.slice.eval(h, d));
         Self {
             estimate: tables(colouring.field()),
             grey: tables(ChromaField::GREY),
             median: tables(median.field()),
-            one: error(object, seen, [&grey; 3], true),
-            measured: error(object, seen, [&slice; 3], true),
+            one: error(object, photograph, [&grey; 3], true),
+            measured: error(object, photograph, [&slice; 3], true),
         }
     }
 }
 
-/// Mean relight error over the photographs other than `seen`. With `coloured`, each channel has its
-/// own scale, the same in all photographs.
-fn error(object: &Captured, seen: usize, channels: Channels<'_>, coloured: bool) -> f64 {
+/// Mean relight error over the photographs other than `photograph`. With `coloured`, each channel
+/// has its own scale, the same in all photographs.
+fn error(object: &Captured, photograph: usize, channels: Channels<'_>, coloured: bool) -> f64 {
     let pixels = object.pixels(WITHIN);
-    let others = (0..object.photographs.len()).filter(|at| *at != seen);
+    let others = (0..object.photographs.len()).filter(|at| *at != photograph);
     let pairs: Vec<[Vec<DVec3>; 2]> = others
         .map(|at| {
             // A grey reflectance is rendered once.
@@ -69,19 +69,21 @@ fn error(object: &Captured, seen: usize, channels: Channels<'_>, coloured: bool)
         })
         .collect();
     let scale = |c: usize| {
-        let sums = pairs.iter().map(|[sent, seen]| {
+        let sums = pairs.iter().map(|[sent, observed]| {
             // Each photograph has the same weight, regardless of its exposure.
-            let norm = seen.iter().map(|p| p.length_squared()).sum::<f64>().max(f64::MIN_POSITIVE);
+            let norm = observed.iter().map(|p| p.length_squared()).sum::<f64>().max(f64::MIN_POSITIVE);
             let product = |a: &[DVec3], b: &[DVec3]| a.iter().zip(b).map(|(a, b)| a[c] * b[c]).sum::<f64>() / norm;
-            (product(sent, seen), product(sent, sent))
+            (product(sent, observed), product(sent, sent))
         });
         let (above, below) = sums.fold((0.0, 0.0), |(a, b), (x, y)| (a + x, b + y));
         above / below.max(f64::MIN_POSITIVE)
     };
     let colour = if coloured { DVec3::new(scale(0), scale(1), scale(2)) } else { DVec3::ONE };
     let flat = |pixels: &[DVec3], by: DVec3| pixels.iter().flat_map(|p| (*p * by).to_array()).collect::<Vec<f64>>();
-    let errors: Vec<f64> =
-        pairs.iter().map(|[sent, seen]| relight(&flat(sent, colour), &flat(seen, DVec3::ONE)).relative).collect();
+    let errors: Vec<f64> = pairs
+        .iter()
+        .map(|[sent, observed]| relight(&flat(sent, colour), &flat(observed, DVec3::ONE)).relative)
+        .collect();
     mean(&errors)
 }
 

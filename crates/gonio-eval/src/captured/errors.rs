@@ -68,8 +68,8 @@ pub(super) fn measured_gloss(object: &Captured, cells: &[Cell]) -> f64 {
 /// in luminance at the best scale.
 pub(super) fn prediction(object: &Captured, photograph: usize, f: Reflectance<'_>) -> (Plane<DVec3>, Relight) {
     let sent = object.render(photograph, f);
-    let seen = object.photographs[photograph].picture.rgb.as_slice();
-    let grey = |&p: &usize| [f64::from(luminance(sent.as_slice()[p].as_vec3())), f64::from(luminance(seen[p]))];
+    let observed = object.photographs[photograph].picture.rgb.as_slice();
+    let grey = |&p: &usize| [f64::from(luminance(sent.as_slice()[p].as_vec3())), f64::from(luminance(observed[p]))];
     let pairs: Vec<[f64; 2]> = object.pixels(WITHIN).iter().map(grey).collect();
     let column = |i: usize| pairs.iter().map(|pair| pair[i]).collect::<Vec<f64>>();
     let error = metrics::relight(&column(0), &column(1));

@@ -89,8 +89,8 @@ impl Captured {
     /// Pixels of the object whose normal is less than `within` degrees from the view, row-major.
     pub(crate) fn pixels(&self, within: f32) -> Vec<usize> {
         let least = within.to_radians().cos();
-        let seen = |i: &usize| self.mask.as_slice()[*i] >= 0.99 && self.normals.as_slice()[*i].z > least;
-        (0..self.mask.as_slice().len()).filter(seen).collect()
+        let is_visible = |i: &usize| self.mask.as_slice()[*i] >= 0.99 && self.normals.as_slice()[*i].z > least;
+        (0..self.mask.as_slice().len()).filter(is_visible).collect()
     }
 
     /// Renders the object with reflectance `f(theta_h, theta_d)` (radians) under the lights of one

@@ -24,7 +24,8 @@ pub(super) fn page(sections: &[Section]) -> String {
 /// Section of one object: for each photograph, the next photograph, in another light, and its
 /// predictions.
 pub(super) fn section(object: &Captured, answers: &[EvaluatedEstimate]) -> Section {
-    let cards: Vec<Markup> = answers.iter().enumerate().map(|(seen, answer)| card(object, seen, answer)).collect();
+    let cards: Vec<Markup> =
+        answers.iter().enumerate().map(|(photograph, answer)| card(object, photograph, answer)).collect();
     Section {
         id: format!("object-{}", anchor(&object.name)),
         title: object.name.clone(),
@@ -37,9 +38,9 @@ fn anchor(name: &str) -> String {
     name.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '-' }).collect()
 }
 
-fn card(object: &Captured, seen: usize, answer: &EvaluatedEstimate) -> Markup {
-    let other = (seen + 1) % object.photographs.len();
-    let (from, to) = (&object.photographs[seen], &object.photographs[other]);
+fn card(object: &Captured, photograph: usize, answer: &EvaluatedEstimate) -> Markup {
+    let other = (photograph + 1) % object.photographs.len();
+    let (from, to) = (&object.photographs[photograph], &object.photographs[other]);
     let grey = |rgb: &Plane<Vec3>| object.cropped(&rgb.map(|p| Vec3::splat(luminance(*p))));
     let truth = grey(&to.picture.rgb);
     let exposure = show::exposure(&truth);

@@ -103,10 +103,10 @@ impl ReferenceErrors {
         Self { slice: errors::slice_error(cells, f), predictions: errors::predictions(object, f) }
     }
 
-    /// Returns the errors averaged over all photographs other than `seen`.
-    fn without(&self, seen: usize) -> Errors {
+    /// Returns the errors averaged over all photographs other than `photograph`.
+    fn without(&self, photograph: usize) -> Errors {
         let others = |f: fn(&Relight) -> f64| {
-            let errors = self.predictions.iter().enumerate().filter(|(i, _)| *i != seen);
+            let errors = self.predictions.iter().enumerate().filter(|(i, _)| *i != photograph);
             mean(&errors.map(|(_, e)| f(e)).collect::<Vec<f64>>())
         };
         Errors { slice: self.slice, relight: others(|e| e.relative), relight_log: others(|e| e.log) }
@@ -136,9 +136,9 @@ impl<'a> ObjectEvaluation<'a> {
     /// `given` are the inputs of the estimates besides photograph and mask.
     pub(super) fn answers(&self, model: &Model, given: EstimateInputs) -> (Vec<EvaluatedEstimate>, Vec<String>) {
         let (mut answers, mut refused) = (Vec::new(), Vec::new());
-        for (seen, photograph) in self.object.photographs.iter().enumerate() {
+        for (index, photograph) in self.object.photographs.iter().enumerate() {
             let title = format!("{}, {}", self.object.name, photograph.name);
-            match self.answer(seen, model, given) {
+            match self.answer(index, model, given) {
                 Ok(answer) => {
                     eprintln!("{title}: {:.1} s", answer.record.seconds);
                     answers.push(answer);
@@ -158,29 +158,29 @@ impl<'a> ObjectEvaluation<'a> {
         MultiViewErrors::of(&self.object.name, &self.cells, model, &ones)
     }
 
-    fn answer(&self, seen: usize, model: &Model, given: EstimateInputs) -> Result<EvaluatedEstimate> {
+    fn answer(&self, photograph: usize, model: &Model, given: EstimateInputs) -> Result<EvaluatedEstimate> {
         let start = Instant::now();
-        let found = estimate(self.object, seen, model, given)?;
-        let record = self.record(seen, &found, start.elapsed().as_secs_f64())?;
+        let found = estimate(self.object, photograph, model, given)?;
+        let record = self.record(photograph, &found, start.elapsed().as_secs_f64())?;
         Ok(EvaluatedEstimate { record, material: found.material })
     }
 
-    fn record(&self, seen: usize, found: &ObjectEstimate, seconds: f64) -> Result<Record> {
+    fn record(&self, photograph: usize, found: &ObjectEstimate, seconds: f64) -> Result<Record> {
         let ObjectEstimate { material, misfit, diagnostics, colouring, median } = found;
         let (object, cells, table) = (self.object, &self.cells, &material.table);
         let quantiles = multi_view::quantiles(material)?;
         Ok(Record {
             object: object.name.clone(),
-            photograph: object.photographs[seen].name.clone(),
-            estimate: ReferenceErrors::of(object, cells, &|h, d| table.eval(h, d)).without(seen),
-            lambert: self.lambert.without(seen),
-            measured: self.measured.without(seen),
-            profile: self.profile.without(seen),
+            photograph: object.photographs[photograph].name.clone(),
+            estimate: ReferenceErrors::of(object, cells, &|h, d| table.eval(h, d)).without(photograph),
+            lambert: self.lambert.without(photograph),
+            measured: self.measured.without(photograph),
+            profile: self.profile.without(photograph),
             gloss_measured: errors::measured_gloss(object, cells),
             gloss_estimate: errors::gloss(cells, &|h, d| table.eval(h, d)),
             gloss: gloss_quantiles(material, cells),
             coverage: errors::coverage(cells, table, &quantiles),
-            rgb: RgbErrors::of(object, seen, (table, colouring, median)),
+            rgb: RgbErrors::of(object, photograph, (table, colouring, median)),
             misfit: *misfit,
             warnings: diagnostics.iter().map(ToString::to_string).collect(),
             seconds,
@@ -200,11 +200,11 @@ struct ObjectEstimate {
 
 /// Estimates as the program does with `--mask mask.png`. With `given`, it also has the options
 /// `--normals normal.exr` or `--shape outline`, and `--light`.
-fn estimate(object: &Captured, seen: usize, model: &Model, given: EstimateInputs) -> Result<ObjectEstimate> {
+fn estimate(object: &Captured, photograph: usize, model: &Model, given: EstimateInputs) -> Result<ObjectEstimate> {
     let normals =
         || NormalPicture { normals: object.normals.clone(), camera: None, relief: None, trusted: false, error: 0.0 };
     let mut detection = Detection::of(
-        &object.photographs[seen].picture,
+        &object.photographs[photograph].picture,
         Some(object.mask.clone()),
         if given.normals { Object::Normals(Arc::new(normals())) } else { Object::Outline },
         &ObservationSettings::default(),
@@ -213,14 +213,14 @@ fn estimate(object: &Captured, seen: usize, model: &Model, given: EstimateInputs
         Colouring::of(model, &detection.observations, table, &ColouringRule::Median)
     };
     if given.light {
-        let map = map_of(&object.photographs[seen].lights)?;
+        let map = map_of(&object.photographs[photograph].lights)?;
         let given = (&map, Alignment::Near);
         let found = estimate_known_light(model, &detection.observations, given, &ColouringRule::default(), &|_| ())?;
         let (diagnostics, median) = (found.diagnostics(), median(&detection, &found.material.table));
         let KnownLightEstimate { material, misfit, colouring, .. } = found;
         return Ok(ObjectEstimate { material, misfit, diagnostics, colouring, median });
     }
-    let found = estimate_detected(model, &object.photographs[seen].picture, &mut detection)?;
+    let found = estimate_detected(model, &object.photographs[photograph].picture, &mut detection)?;
     let (diagnostics, median) = (found.diagnostics(), median(&detection, &found.material.table));
     let Estimate { material, light, colouring, .. } = found;
     Ok(ObjectEstimate { material, misfit: light.misfit, diagnostics, colouring, median })

@@ -168,8 +168,8 @@ fn prediction(ball: &Captured, pixels: &[usize], light: usize, sent: &Plane<DVec
     let reference: Vec<f64> = pixels.iter().map(|&i| f64::from(luminance(photograph[i]))).collect();
     let rgb = sent.map(|c| (*c * colour).as_vec3());
     // The colour changes the luminance, so the brightness is matched after colouring.
-    let seen: Vec<f64> = pixels.iter().map(|&i| f64::from(luminance(rgb.as_slice()[i]))).collect();
-    let factor = show::median_ratio(&seen, &reference);
+    let rendered: Vec<f64> = pixels.iter().map(|&i| f64::from(luminance(rgb.as_slice()[i]))).collect();
+    let factor = show::median_ratio(&rendered, &reference);
     Prediction {
         picture: show::scaled(&Picture { rgb, alpha: None }, factor),
         error: metrics::relight(&ours, &reference),

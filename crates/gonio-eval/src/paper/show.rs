@@ -28,8 +28,8 @@ pub(super) fn sphere(brdf: &dyn Brdf, light: &LightTree) -> Picture {
 /// Luminance of points of a material in a light, with the accuracy for measuring errors.
 pub(super) fn luminances(points: &[SurfacePoint], brdf: &MerlTable, light: &LightTree) -> Vec<Option<f64>> {
     let (envelope, accuracy) = (brdf.envelope(), IntegratorSettings::default());
-    let seen = |p| luminance(radiance(p, brdf, &envelope, light, &accuracy).as_vec3());
-    points.par_iter().map(|p| Some(f64::from(seen(p)))).collect()
+    let rendered = |p| luminance(radiance(p, brdf, &envelope, light, &accuracy).as_vec3());
+    points.par_iter().map(|p| Some(f64::from(rendered(p)))).collect()
 }
 
 fn covered(picture: &Picture, i: usize) -> bool {

@@ -232,14 +232,14 @@ fn amounts(files: &[(&Path, Coded)], times: Option<&[f64]>) -> Result<Vec<f64>, 
     }
     // A factor that only some files state cannot be assumed to be constant.
     let factor = |what: &str, of: fn(&ExposureSettings) -> Option<f64>| -> Result<Vec<f64>, Error> {
-        let told: Vec<_> = files.iter().map(|(_, f)| of(&f.shot)).collect();
-        if told.iter().all(Option::is_none) {
+        let values: Vec<_> = files.iter().map(|(_, f)| of(&f.shot)).collect();
+        if values.iter().all(Option::is_none) {
             return Ok(vec![1.0; files.len()]);
         }
-        let value = |(told, (path, _)): (&Option<f64>, &(&Path, Coded))| {
-            told.ok_or_else(|| by_hand(path, format!("has no {what} in its EXIF data, but other exposures do")))
+        let known = |(value, (path, _)): (&Option<f64>, &(&Path, Coded))| {
+            value.ok_or_else(|| by_hand(path, format!("has no {what} in its EXIF data, but other exposures do")))
         };
-        told.iter().zip(files).map(value).collect()
+        values.iter().zip(files).map(known).collect()
     };
     let mut amounts = Vec::new();
     for (path, file) in files {

@@ -30,7 +30,7 @@ class LightProbe:
     light : ndarray of float32
         Lat-long map of the light, shape (rows, 2 rows, 3), in coordinates of the first camera: row 0
         is up, the centre is -z, and the right half is +x.
-    seen : ndarray of float32
+    coverage : ndarray of float32
         Observed share of each texel, shape (rows, 2 rows); the rest is interpolated from its
         surroundings.
     picture : ndarray of uint8
@@ -45,7 +45,7 @@ class LightProbe:
     """
 
     light: Floats = field(repr=False)
-    seen: Floats = field(repr=False)
+    coverage: Floats = field(repr=False)
     picture: NDArray[np.uint8] = field(repr=False)
     result: dict[str, Any]
     warnings: list[str]
@@ -165,8 +165,8 @@ def light_probe(
     }
     first = scene(image, "the image", mask, circle)
     other = None if second is None else scene(second, "the second image", second_mask, second_circle)
-    light, seen, drawn, notes, more = _gonio.light_probe(first, other, settings, {"progress": progress, "poll": None})
+    light, coverage, drawn, notes, more = _gonio.light_probe(first, other, settings, {"progress": progress, "poll": None})
     messages += more
     for message in messages:
         warnings.warn(message, GonioWarning, stacklevel=2)
-    return LightProbe(light, seen, drawn, json.loads(notes), messages, written)
+    return LightProbe(light, coverage, drawn, json.loads(notes), messages, written)

@@ -82,8 +82,8 @@ pub enum BracketError {
     },
     /// The times contradict the pictures.
     #[error(
-        "exposures {first} and {second} contradict their times: the images differ by a factor of {seen:.2}, the \
-         times by {said:.2}; check the times"
+        "exposures {first} and {second} contradict their times: the images differ by a factor of {measured:.2}, the \
+         times by {stated:.2}; check the times"
     )]
     Times {
         /// Number of the exposure with the shorter time.
@@ -91,9 +91,9 @@ pub enum BracketError {
         /// Number of the exposure with the next longer time.
         second: usize,
         /// Brightness of the second over the first.
-        seen: f64,
+        measured: f64,
         /// Brightness of the second over the first according to their times.
-        said: f64,
+        stated: f64,
     },
     /// Camera or scene moved.
     #[error(

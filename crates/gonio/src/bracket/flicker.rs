@@ -81,8 +81,8 @@ pub(super) fn correct(
             let off = median(&mut log_gain.to_vec()).unwrap_or(0.0);
             if off.abs() > WRONG_TIMES.ln() && !trusted {
                 let (first, second) = (a.index + 1, b.index + 1);
-                let said = b.nominal / a.nominal;
-                return Err(BracketError::Times { first, second, seen: said * off.exp(), said });
+                let stated = b.nominal / a.nominal;
+                return Err(BracketError::Times { first, second, measured: stated * off.exp(), stated });
             }
             errors[pair[1]] = off.exp_m1();
         }

@@ -338,8 +338,8 @@ fn rejects_wrong_times() {
     let mut exposures = take(&scene(128, 64), &AMOUNTS[2..4], 0.5);
     exposures[1].amount *= 2.0;
     let error = merge(&exposures, Some(&truth()), &MergeSettings::default()).unwrap_err();
-    let BracketError::Times { first: 1, second: 2, seen, said } = error else { panic!("{error}") };
-    assert!((seen - 4.0).abs() < 0.1 && (said - 8.0).abs() < 1e-9);
+    let BracketError::Times { first: 1, second: 2, measured, stated } = error else { panic!("{error}") };
+    assert!((measured - 4.0).abs() < 0.1 && (stated - 8.0).abs() < 1e-9);
     exposures[1].amount = exposures[0].amount;
     assert_eq!(merge(&exposures, None, &MergeSettings::default()), Err(BracketError::EqualTimes));
 }

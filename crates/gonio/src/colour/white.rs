@@ -20,8 +20,8 @@ pub fn white_chroma(light: &LightGrid, camera: DQuat) -> Chroma {
     for (texel, radiance) in light.texels().iter().enumerate() {
         let (u, v) = LightGrid::centre_of(light.side(), texel);
         let direction = light.map().direction(u, v);
-        let seen: f64 = normals.iter().map(|n| n.dot(direction).max(0.0)).sum();
-        sum += light.map().density(u, v) * seen * radiance.as_dvec3();
+        let irradiance_weight: f64 = normals.iter().map(|n| n.dot(direction).max(0.0)).sum();
+        sum += light.map().density(u, v) * irradiance_weight * radiance.as_dvec3();
     }
     Chroma::of(sum)
 }

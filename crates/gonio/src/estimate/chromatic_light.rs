@@ -135,7 +135,8 @@ impl Images {
         let texels: Vec<f64> = light.grid.texels().iter().map(|t| f64::from(luminance(*t).max(0.0))).collect();
         let fine = rows.side;
         let side = fine.min(CHROMA_SIDE);
-        let seen: Vec<usize> = (0..observations.values.len()).filter(|&i| observations.values[i].is_some()).collect();
+        let observed: Vec<usize> =
+            (0..observations.values.len()).filter(|&i| observations.values[i].is_some()).collect();
         // A row holds weights of light coefficients; the inverse transform converts them to weights
         // of texels.
         let haar = Haar::new(fine).expect("the side of a light is a power of two");
@@ -158,12 +159,12 @@ impl Images {
         let part = |c: usize| Mat::from_fn(count, sums.len(), |k, i| white[c] * sums[i][c * count + k]);
         let parts = [part(0), part(1), part(2)];
         let colours: Vec<DVec3> =
-            seen.iter().map(|&i| observations.colours[i].unwrap_or_default().as_dvec3()).collect();
+            observed.iter().map(|&i| observations.colours[i].unwrap_or_default().as_dvec3()).collect();
         let bright = colours.iter().any(|c| c.max_element() > 0.0);
         bright.then(|| Self {
             colours,
-            weights: seen.iter().map(|&i| observations.weights[i].clamp(0.0, 1.0)).collect(),
-            normals: seen.iter().map(|&i| observations.points[i].in_view()).collect(),
+            weights: observed.iter().map(|&i| observations.weights[i].clamp(0.0, 1.0)).collect(),
+            normals: observed.iter().map(|&i| observations.points[i].in_view()).collect(),
             side,
             parts,
             white,
@@ -199,9 +200,9 @@ impl Images {
     /// Each is the root of the mean product of neighbouring observations, in which the noise of
     /// single pixels cancels.
     fn apart(&self, plain: &[DVec3]) -> [f64; 2] {
-        let difference = |(seen, made): (&DVec3, &DVec3)| {
-            let (seen, made) = (Chroma::of(*seen).0, Chroma::of(*made).0);
-            AXES.map(|(axis, _)| axis[0] * (seen[0] - made[0]) + axis[1] * (seen[1] - made[1]))
+        let difference = |(observed, made): (&DVec3, &DVec3)| {
+            let (observed, made) = (Chroma::of(*observed).0, Chroma::of(*made).0);
+            AXES.map(|(axis, _)| axis[0] * (observed[0] - made[0]) + axis[1] * (observed[1] - made[1]))
         };
         let differences: Vec<[f64; 2]> = self.colours.iter().zip(plain).map(difference).collect();
         let neighbour = |i: usize| {
@@ -221,11 +222,11 @@ impl Images {
     /// Returns the relative root mean square residual, given the tints.
     fn misfit(&self, tints: &[DVec3]) -> f64 {
         let (mut left, mut all) = (0.0, 0.0);
-        for (i, (seen, weight)) in self.colours.iter().zip(&self.weights).enumerate() {
+        for (i, (observed, weight)) in self.colours.iter().zip(&self.weights).enumerate() {
             for c in 0..3 {
                 let made: f64 = self.parts[c].col_as_slice(i).iter().zip(tints).map(|(g, t)| g * (1.0 + t[c])).sum();
-                left += weight * (seen[c] - made).powi(2);
-                all += weight * seen[c].powi(2);
+                left += weight * (observed[c] - made).powi(2);
+                all += weight * observed[c].powi(2);
             }
         }
         (left / all.max(f64::MIN_POSITIVE)).sqrt()

@@ -89,8 +89,8 @@ impl Colouring {
         if *rule == ColouringRule::Grey {
             return Self::Grey;
         }
-        let seen: Vec<Vec3> = observations.colours.iter().flatten().copied().collect();
-        if is_grey(&seen) {
+        let observed: Vec<Vec3> = observations.colours.iter().flatten().copied().collect();
+        if is_grey(&observed) {
             return Self::GreyPhotograph;
         }
         let found = || {
@@ -101,7 +101,7 @@ impl Colouring {
         match found() {
             Some(found) => Self::Estimate(Box::new(found)),
             None => {
-                let median = median_colour(&Plane::from_vec(seen.len(), 1, seen), |_| true);
+                let median = median_colour(&Plane::from_vec(observed.len(), 1, observed), |_| true);
                 Self::Median(Chroma::of(median.as_dvec3()))
             }
         }

@@ -180,14 +180,14 @@ mod tests {
                 let at = |k: usize, span: f64| ((k as f64 + 0.5) / n as f64 - 0.5) * span.to_radians();
                 (0..n * n).map(|k| (at(k % n, along), at(k / n, across))).collect()
             };
-            let (source, seen) = (grid(SOURCE, 8), grid(receptor, 80));
-            let solid = receptor.0.to_radians() * receptor.1.to_radians() / seen.len() as f64;
+            let (source, receptor_grid) = (grid(SOURCE, 8), grid(receptor, 80));
+            let solid = receptor.0.to_radians() * receptor.1.to_radians() / receptor_grid.len() as f64;
             let (mut light, mut mirrored) = (0.0, 0.0);
             for from in &source {
                 let towards = directions(incidence, *from);
                 let wi = DVec3::new(-towards.x, -towards.y, towards.z);
                 mirrored += wi.z * fresnel_dielectric(wi.z, GLASS);
-                for to in &seen {
+                for to in &receptor_grid {
                     let wo = directions(incidence, *to);
                     light += lobe.eval(wi, wo) * wi.z * wo.z * to.1.cos() * solid;
                 }

@@ -125,11 +125,11 @@ pub fn probe(first: &View, second: Option<&SecondView>, settings: &ProbeSettings
         views = Some(agreement);
     }
     let whole = |f: &dyn Fn(usize) -> f64| (0..texels.len()).map(|i| solid_angle(rows, i) * f(i)).sum::<f64>();
-    let unseen = (1.0 - whole(&|i| texels[i].seen) / (4.0 * PI)).max(0.0);
+    let unseen = (1.0 - whole(&|i| texels[i].coverage) / (4.0 * PI)).max(0.0);
     if 1.0 - unseen < MIN_SEEN {
         return Err(ProbeError::TooLittle { share: 1.0 - unseen, min: MIN_SEEN });
     }
-    let known: Vec<f64> = texels.iter().map(|texel| texel.seen).collect();
+    let known: Vec<f64> = texels.iter().map(|texel| texel.coverage).collect();
     let mut radiance: Vec<DVec3> = texels.iter().map(|texel| texel.radiance).collect();
     if radiance.iter().all(|r| *r == DVec3::ZERO) {
         return Err(ProbeError::Black);
@@ -166,7 +166,7 @@ fn merged(first: &Texel, second: &Texel, brightness: f64) -> Texel {
         return *first;
     }
     let sum = first.trust * first.radiance + second.trust * second.radiance / brightness;
-    Texel { radiance: sum / trust, seen: first.seen.max(second.seen), trust }
+    Texel { radiance: sum / trust, coverage: first.coverage.max(second.coverage), trust }
 }
 
 impl View {

@@ -22,7 +22,7 @@ pub(super) struct Texel {
     /// Mean radiance of the visible part.
     pub(super) radiance: DVec3,
     /// Share of the texel that is visible, 0..=1.
-    pub(super) seen: f64,
+    pub(super) coverage: f64,
     /// Weight of the view relative to others: high where the ball is seen from the front, low at
     /// the rim and where it reflects the camera.
     pub(super) trust: f64,
@@ -50,7 +50,7 @@ pub(super) fn unwrap(view: &View, rows: usize, turn: f64, reflectance: &Reflecta
         let samples = |pixels: f64| ((2.0 * pixels).ceil() as usize).clamp(SAMPLES.0, SAMPLES.1);
         let columns = samples(across(direction(u, v + 0.5), direction(u + 1.0, v + 0.5)));
         let lines = samples(across(direction(u + 0.5, v), direction(u + 0.5, v + 1.0)));
-        let (mut radiance, mut trust, mut seen, mut all) = (DVec3::ZERO, 0.0, 0.0, 0.0);
+        let (mut radiance, mut trust, mut covered, mut all) = (DVec3::ZERO, 0.0, 0.0, 0.0);
         for j in 0..lines {
             let v = v + (j as f64 + 0.5) / lines as f64;
             let weight = (PI * v / high).sin();
@@ -60,12 +60,12 @@ pub(super) fn unwrap(view: &View, rows: usize, turn: f64, reflectance: &Reflecta
                 if let Some(sample) = view.sample(direction, reflectance) {
                     radiance += weight * sample.radiance;
                     trust += weight * trusted(sample.cosine, direction.angle_between(view.ball().axis()));
-                    seen += weight;
+                    covered += weight;
                 }
             }
         }
-        if seen > 0.0 {
-            Texel { radiance: radiance / seen, seen: seen / all, trust: trust / all }
+        if covered > 0.0 {
+            Texel { radiance: radiance / covered, coverage: covered / all, trust: trust / all }
         } else {
             Texel::default()
         }

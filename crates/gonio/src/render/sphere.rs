@@ -107,8 +107,8 @@ pub fn images_of_basis<'a>(
     // scaled to the same albedo for the envelope, so that a sharp one is resolved even where a
     // broad one reflects a thousand times its light.
     let envelope = envelope(tables);
-    let seen = points.into();
-    let (points, visibility) = (seen.points(), seen.visibility());
+    let observed = points.into();
+    let (points, visibility) = (observed.points(), observed.visibility());
     let done = std::sync::atomic::AtomicUsize::new(0);
     points
         .par_iter()

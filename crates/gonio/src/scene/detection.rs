@@ -164,8 +164,8 @@ impl Detection {
         let mut detection = match object {
             Object::Sphere(Some(circle)) => known().circle(circle)?,
             Object::Sphere(None) => {
-                let spotted = detect_ball(picture, mask.as_ref())?;
-                Detection { reliability: spotted.reliability, ..looker(spotted.coverage).circle(spotted.circle)? }
+                let ball = detect_ball(picture, mask.as_ref())?;
+                Detection { reliability: ball.reliability, ..looker(ball.coverage).circle(ball.circle)? }
             }
             Object::Ball(camera) => {
                 let coverage = outlined(picture, mask.as_ref())?;
@@ -341,7 +341,7 @@ impl Detector<'_> {
             }
         }
         if 20 * buffer.back_facing > buffer.visible {
-            scene_warnings.push(SceneWarning::Inside { inside: buffer.back_facing, seen: buffer.visible });
+            scene_warnings.push(SceneWarning::Inside { inside: buffer.back_facing, visible: buffer.visible });
         }
         let view =
             SurfaceView { normals: &buffer.normals, camera: Some(&placed.camera), distances: Some(&buffer.distances) };
@@ -449,9 +449,9 @@ fn solid(coverage: &Plane<f32>) -> Result<Plane<bool>, SceneError> {
     outline(coverage)?;
     let (part, count) = largest_component(coverage.size(), |at| coverage[at] >= 0.5).ok_or(SceneError::NoOutline)?;
     let is_hole = |at: (usize, usize)| !part[at];
-    let (mut seen, mut filled) = (part.clone(), part.clone());
+    let (mut visited, mut filled) = (part.clone(), part.clone());
     for at in (0..part.width() * part.height()).map(|i| (i % part.width(), i / part.width())) {
-        if !seen[at] && 1000 * flood(&mut seen, [at], true, is_hole) <= count {
+        if !visited[at] && 1000 * flood(&mut visited, [at], true, is_hole) <= count {
             flood(&mut filled, [at], true, is_hole);
         }
     }
@@ -476,9 +476,9 @@ impl Overlap {
         let covered = |x: usize, y: usize| coverage[(x, y)] >= 0.5;
         let (mut either, mut shared, mut masked, mut border) = (0_usize, 0_usize, 0_usize, 0_usize);
         for (x, y) in (0..height).flat_map(|y| (0..width).map(move |x| (x, y))) {
-            let (covers, seen) = (covered(x, y), distances[(x, y)].is_finite());
-            either += usize::from(covers || seen);
-            shared += usize::from(covers && seen);
+            let (covers, is_visible) = (covered(x, y), distances[(x, y)].is_finite());
+            either += usize::from(covers || is_visible);
+            shared += usize::from(covers && is_visible);
             masked += usize::from(covers);
             let at_border = (x > 0 && covered(x - 1, y) != covers) || (y > 0 && covered(x, y - 1) != covers);
             border += usize::from(at_border);

@@ -114,7 +114,7 @@ impl Observations {
             return Err(SceneError::TooFewPoints { used, clipped: 0, outside, min: MIN_POINTS });
         }
         let mut directions: Vec<usize> =
-            facing.iter().filter(within).map(|c| cell(c.seen(surface), COUNTING_SIDE)).collect();
+            facing.iter().filter(within).map(|c| cell(c.in_view(surface), COUNTING_SIDE)).collect();
         directions.sort_unstable();
         directions.dedup();
         if directions.len() < MIN_POINTS {
@@ -159,14 +159,14 @@ impl Observations {
             .filter(within)
             .filter_map(|c| {
                 let rgb = repaired(rgb, &statuses, c.pixel as usize)?;
-                Some(Sample::of(c.seen(surface), f64::from(luminance(rgb)), 1.0).coloured(rgb))
+                Some(Sample::of(c.in_view(surface), f64::from(luminance(rgb)), 1.0).coloured(rgb))
             })
             .collect();
         // Thin before the cut at the largest angle: otherwise the cells that the cut divides would
         // be sampled too densely.
         let taken = thin(&facing, surface, settings.normals);
         let taken: Vec<Candidate> = taken.iter().filter(within).copied().collect();
-        let seen = taken.iter().map(|c| match statuses.as_slice()[c.pixel as usize] {
+        let observed = taken.iter().map(|c| match statuses.as_slice()[c.pixel as usize] {
             PixelStatus::Clipped => ObservedColour::Clipped,
             PixelStatus::OtherColour => ObservedColour::OtherColour,
             PixelStatus::Outlier => {
@@ -179,7 +179,7 @@ impl Observations {
         let mut observations = Self::assemble(
             taken.iter().map(|c| c.point(surface)).collect(),
             taken.iter().map(|c| centre(c.pixel as usize)).collect(),
-            seen.collect(),
+            observed.collect(),
             Judged { statuses, report },
         )?;
         let pixels: Vec<usize> = taken.iter().map(|c| c.pixel as usize).collect();
@@ -222,7 +222,7 @@ impl Candidate {
     }
 
     /// Returns the normal in the frame of its own view.
-    fn seen(&self, surface: &SurfaceView<'_>) -> DVec3 {
+    fn in_view(&self, surface: &SurfaceView<'_>) -> DVec3 {
         self.point(surface).in_view()
     }
 }
@@ -283,7 +283,7 @@ fn thin(candidates: &[Candidate], surface: &SurfaceView<'_>, most: usize) -> Vec
     let side = ((2.0 * most as f64 / POINTS_PER_CELL).sqrt() as usize).max(1);
     let mut cells: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
     for (i, candidate) in candidates.iter().enumerate() {
-        cells.entry(cell(candidate.seen(surface), side)).or_default().push(i);
+        cells.entry(cell(candidate.in_view(surface), side)).or_default().push(i);
     }
     // Largest number that can be taken from each cell. It is at least one, because there are fewer
     // cells than requested points.

@@ -302,7 +302,7 @@ impl Observations {
         let points = sphere_points(settings);
         let pixels: Vec<(f64, f64)> =
             points.iter().map(|p| (x + radius * p.normal.x, y - radius * p.normal.y)).collect();
-        let seen = pixels.iter().map(|&at| sample(rgb, &judged.statuses, at)).collect();
+        let observed = pixels.iter().map(|&at| sample(rgb, &judged.statuses, at)).collect();
         let dense = (0..width * height)
             .filter_map(|i| {
                 let value = repaired(rgb, &judged.statuses, i)?;
@@ -310,21 +310,21 @@ impl Observations {
                 Some(Sample::of(normal, f64::from(luminance(value)), 1.0).coloured(value))
             })
             .collect();
-        Ok(Self { dense, ..Self::assemble(points, pixels, seen, judged)? })
+        Ok(Self { dense, ..Self::assemble(points, pixels, observed, judged)? })
     }
 
     /// Assembles observations and counts the points by status.
     pub(super) fn assemble(
         points: Vec<SurfacePoint>,
         pixels: Vec<(f64, f64)>,
-        seen: Vec<ObservedColour>,
+        observed: Vec<ObservedColour>,
         Judged { statuses, report }: Judged,
     ) -> Result<Self, SceneError> {
         let colour = |s: &ObservedColour| if let ObservedColour::Colour(colour) = s { Some(*colour) } else { None };
-        let count = |which: ObservedColour| seen.iter().filter(|s| **s == which).count();
+        let count = |which: ObservedColour| observed.iter().filter(|s| **s == which).count();
         let report = ObservationReport {
             points: points.len(),
-            used: seen.iter().filter_map(colour).count(),
+            used: observed.iter().filter_map(colour).count(),
             clipped: count(ObservedColour::Clipped),
             outside: count(ObservedColour::Outside),
             faulty: count(ObservedColour::Faulty),
@@ -340,11 +340,11 @@ impl Observations {
             return Err(SceneError::TooFewPoints { used, clipped, outside, min: MIN_POINTS });
         }
         // Luminance of the unmodified colours, including negative channels.
-        let values: Vec<Option<f64>> = seen.iter().map(|s| colour(s).map(|c| f64::from(luminance(c)))).collect();
+        let values: Vec<Option<f64>> = observed.iter().map(|s| colour(s).map(|c| f64::from(luminance(c)))).collect();
         if values.iter().flatten().all(|&value| value <= 0.0) {
             return Err(SceneError::Black);
         }
-        let colours = seen.iter().map(|s| colour(s).map(|c| c.max(Vec3::ZERO))).collect();
+        let colours = observed.iter().map(|s| colour(s).map(|c| c.max(Vec3::ZERO))).collect();
         let left_out =
             statuses.as_slice().iter().any(|status| !matches!(status, PixelStatus::Used | PixelStatus::Outside));
         let statuses = left_out.then(|| Arc::new(statuses));

@@ -182,24 +182,24 @@ pub(super) fn segment_paint(
 /// region.
 fn label(cells: &Cells, stepped: &Plane<bool>) -> (Plane<u32>, Vec<usize>) {
     let size = stepped.size();
-    let mut seen = stepped.map(|_| false);
+    let mut visited = stepped.map(|_| false);
     let mut labels = stepped.map(|_| 0_u32);
     let mut sizes = vec![0];
     let open = |at: (usize, usize)| cells.tones[at].is_some() && !stepped[at];
     for at in (0..size.1).flat_map(|v| (0..size.0).map(move |u| (u, v))) {
-        if !open(at) || seen[at] {
+        if !open(at) || visited[at] {
             continue;
         }
         let number = sizes.len() as u32;
         let mut stack = vec![at];
         let mut count = 0;
-        seen[at] = true;
+        visited[at] = true;
         while let Some(at) = stack.pop() {
             labels[at] = number;
             count += 1;
             for next in neighbours(at, size, false) {
-                if open(next) && !seen[next] {
-                    seen[next] = true;
+                if open(next) && !visited[next] {
+                    visited[next] = true;
                     stack.push(next);
                 }
             }

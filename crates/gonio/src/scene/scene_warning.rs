@@ -18,7 +18,7 @@ pub enum SceneWarning {
         /// Number of back-facing pixels.
         inside: usize,
         /// Number of pixels that show the surface.
-        seen: usize,
+        visible: usize,
     },
     /// The depth of the ellipsoid is unknown; contains the assumed semi-axis, in pixels.
     Depth(f64),
@@ -106,9 +106,9 @@ impl fmt::Display for SceneWarning {
                 "the shape is not exactly aligned with the object: the intersection over union of their pixels is {:.0} %",
                 100.0 * overlap
             ),
-            Self::Inside { inside, seen } => write!(
+            Self::Inside { inside, visible } => write!(
                 f,
-                "{inside} of {seen} pixels show the back of the surface; gonio flips its normals towards the camera \
+                "{inside} of {visible} pixels show the back of the surface; gonio flips its normals towards the camera \
                  there"
             ),
             Self::Depth(depth) => write!(

@@ -86,8 +86,8 @@ mod tests {
             });
             for (depths, kind) in [(&along_ray, DepthKind::AlongRay), (&along_axis, DepthKind::AlongAxis)] {
                 let places = positions_of_depth(depths, &camera, kind).unwrap();
-                let seen = places.as_slice().iter().flatten().count();
-                assert!(seen > 1500 && seen == depths.as_slice().iter().flatten().count(), "{seen}");
+                let observed = places.as_slice().iter().flatten().count();
+                assert!(observed > 1500 && observed == depths.as_slice().iter().flatten().count(), "{observed}");
                 for (i, place) in places.as_slice().iter().enumerate() {
                     let Some(place) = place else { continue };
                     assert!(((*place - centre).length() - radius).abs() < 1e-12, "{place}");

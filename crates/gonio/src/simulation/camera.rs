@@ -193,7 +193,7 @@ impl PhotographEffects {
         let (counts, fine) = self.counts(figure.as_ref(), rng);
         let top = image.iter().copied().fold(0.0, f32::max).min(clip);
         let step = if self.levels > 0.0 { top / self.levels } else { 0.0 };
-        let mut seen = vec![0.0; DISK_SIDE * DISK_SIDE];
+        let mut values = vec![0.0; DISK_SIDE * DISK_SIDE];
         let mut kept = vec![0.0; DISK_SIDE * DISK_SIDE];
         let mut found = vec![None; DISK_SIDE * DISK_SIDE];
         for cell in (0..DISK_SIDE * DISK_SIDE).filter(|&c| on_disk(c) && counts[c] > 0.0) {
@@ -217,7 +217,7 @@ impl PhotographEffects {
             }
             // Rounding is visible where few pixels are averaged.
             let rounded = if step > 0.0 && count < 3.0 { (noisy / step).round() * step } else { noisy };
-            seen[cell] = rounded.max(0.0);
+            values[cell] = rounded.max(0.0);
             kept[cell] = count;
             // The four quarters, each with a fourth of the pixels, have three independent
             // differences. Each difference has the same standard error as the mean of the cell.
@@ -226,12 +226,12 @@ impl PhotographEffects {
                 found[cell] = Some((a * a + b * b + c * c).sqrt());
             }
         }
-        let told = if fine {
+        let reported_noise = if fine {
             self.estimated_scatter([&image, &details, &slope, &among], (mean, rough, step), rng)
         } else {
-            scatter_of_cells(&seen, &kept)
+            scatter_of_cells(&values, &kept)
         };
-        DiskImage::of_cells(seen, kept, found, told)
+        DiskImage::of_cells(values, kept, found, reported_noise)
     }
 
     /// Draws whether each quarter of a cell contains a pixel. The pixels are spread evenly or, if
@@ -339,8 +339,8 @@ impl PhotographEffects {
             .collect();
         let middle = relative.len() / 2;
         let rest = if relative.is_empty() { 0.0 } else { *relative.select_nth_unstable_by(middle, f32::total_cmp).1 };
-        let told = (self.speckle.powi(2) + rest).sqrt() * (0.15 * gauss(rng)).exp();
-        told.max(0.001)
+        let reported_noise = (self.speckle.powi(2) + rest).sqrt() * (0.15 * gauss(rng)).exp();
+        reported_noise.max(0.001)
     }
 }
 
@@ -391,9 +391,9 @@ mod tests {
     /// Root mean square of the relative difference from the scene over the observed cells.
     fn error(image: &DiskImage) -> f32 {
         let scene = scene().values;
-        let seen: Vec<usize> = (0..DISK_SIDE * DISK_SIDE).filter(|&c| image.counts[c] > 0.0).collect();
-        let sum: f32 = seen.iter().map(|&c| (image.values[c] / scene[c] - 1.0).powi(2)).sum();
-        (sum / seen.len() as f32).sqrt()
+        let used: Vec<usize> = (0..DISK_SIDE * DISK_SIDE).filter(|&c| image.counts[c] > 0.0).collect();
+        let sum: f32 = used.iter().map(|&c| (image.values[c] / scene[c] - 1.0).powi(2)).sum();
+        (sum / used.len() as f32).sqrt()
     }
 
     #[test]

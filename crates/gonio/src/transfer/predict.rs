@@ -52,7 +52,7 @@ pub fn predict<'a>(
             texels.fill(0.0);
             quadrature.integrate(point, &tables, texels);
             let all = sum(texels);
-            let (seen, through) = match visibility {
+            let (shadowed, through) = match visibility {
                 Some(visibility) => {
                     visibility.apply(i, texels, stride);
                     let at = |t: usize| f64::from(texels[t * stride]) * radiance[t];
@@ -60,7 +60,7 @@ pub fn predict<'a>(
                 }
                 None => (all, 0.0),
             };
-            let edge = if seen > 0.0 { through / seen } else { 0.0 };
+            let edge = if shadowed > 0.0 { through / shadowed } else { 0.0 };
             let on_sphere = if point.view == DVec3::Z {
                 all
             } else {
@@ -69,7 +69,7 @@ pub fn predict<'a>(
                 quadrature.integrate(&turned, &tables, texels);
                 sum(texels)
             };
-            Prediction { shadowed: seen, on_sphere, edge }
+            Prediction { shadowed, on_sphere, edge }
         },
     );
     each.collect()

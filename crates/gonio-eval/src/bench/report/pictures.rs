@@ -72,8 +72,8 @@ pub(super) fn worst(mine: &[&Record]) -> Markup {
     let mut cells: Vec<&Record> = mine.iter().copied().filter(|r| r.estimator == estimator).collect();
     cells.sort_by(|a, b| b.log().total_cmp(&a.log()));
     // Keep one cell for each material: the errors of a mirror are large in every light.
-    let mut seen = BTreeSet::new();
-    cells.retain(|r| seen.insert(r.material.as_str()));
+    let mut shown = BTreeSet::new();
+    cells.retain(|r| shown.insert(r.material.as_str()));
     let all = photographs(mine);
     html! {
         p {

@@ -92,9 +92,9 @@ fn colouring(field: &ChromaField) -> Colouring {
     Colouring::Estimate(Box::new(ColourEstimate::of(&table(), field.clone(), draws, light)))
 }
 
-fn tint(seen: &Observations, told: &ChromaField, light: &LightGrid) -> ChromaticLight {
-    let (table, light, told) = (table(), found(light), colouring(told));
-    Rows::of(&prior(), seen, &table, &told, FINE).unwrap().unwrap().under(&told, &light).unwrap()
+fn tint(observed: &Observations, field: &ChromaField, light: &LightGrid) -> ChromaticLight {
+    let (table, light, colouring) = (table(), found(light), colouring(field));
+    Rows::of(&prior(), observed, &table, &colouring, FINE).unwrap().unwrap().under(&colouring, &light).unwrap()
 }
 
 fn table() -> BivariateTable {
@@ -136,8 +136,8 @@ fn recovers_the_colours_of_the_light_and_keeps_its_luminance() {
 #[test]
 fn warns_about_wrong_colours_but_not_about_noise() {
     let light = planted(natural);
-    let seen = photograph(&table(), &green(), &light, 0.0);
-    let grey = tint(&seen, &ChromaField::GREY, &light);
+    let observed = photograph(&table(), &green(), &light, 0.0);
+    let grey = tint(&observed, &ChromaField::GREY, &light);
     assert!(matches!(grey.diagnostic(), Some(Diagnostic::Colours(apart)) if apart > 0.3), "{:?}", grey.chroma_residual);
     // The coloured light explains the photograph nevertheless.
     assert!(grey.misfit < 0.06, "{}", grey.misfit);
@@ -150,9 +150,9 @@ fn warns_about_wrong_colours_but_not_about_noise() {
 #[test]
 fn residual_widens_the_intervals() {
     let light = planted(natural);
-    let told = colouring(&ChromaField::GREY);
+    let colouring = colouring(&ChromaField::GREY);
     let tint = tint(&photograph(&table(), &green(), &light, 0.0), &ChromaField::GREY, &light);
-    let Colouring::Estimate(found) = told.less_certain(&table(), &tint) else { panic!("no estimate") };
+    let Colouring::Estimate(found) = colouring.less_certain(&table(), &tint) else { panic!("no estimate") };
     let [low, high] = found.body.interval[0];
     assert!(low < -0.3 && high > 0.3, "{low} {high}");
     // The estimate and the interval of the light are unchanged.
@@ -164,11 +164,11 @@ fn residual_widens_the_intervals() {
 fn posterior_matches_the_closed_form_in_image_space() {
     // With K the prior covariance and X the image of the tints: K X' (X K X' + 1)^-1 r.
     let light = planted(natural);
-    let mut seen = photograph(&table(), &green(), &light, 0.0).thinned(60);
-    seen.colours.iter_mut().flatten().for_each(|c| c.x *= 1.05);
-    let (light, told) = (found(&light), colouring(&green()));
-    let rows = Rows::of(&prior(), &seen, &table(), &told, FINE).unwrap().unwrap();
-    let images = Images::of(&rows, &told, &light).unwrap();
+    let mut observed = photograph(&table(), &green(), &light, 0.0).thinned(60);
+    observed.colours.iter_mut().flatten().for_each(|c| c.x *= 1.05);
+    let (light, colouring) = (found(&light), colouring(&green()));
+    let rows = Rows::of(&prior(), &observed, &table(), &colouring, FINE).unwrap().unwrap();
+    let images = Images::of(&rows, &colouring, &light).unwrap();
     let (plain, error) = (images.plain(), 0.05);
     let got = images.posterior(&plain, error, MAP);
     let (count, directions) = (FINE * FINE, images.directions());
@@ -204,15 +204,15 @@ fn posterior_matches_the_closed_form_in_image_space() {
 #[test]
 fn result_is_independent_of_threads_and_none_for_grey() {
     let light = planted(natural);
-    let seen = photograph(&table(), &green(), &light, 0.05);
-    let run = || tint(&seen, &green(), &light);
+    let observed = photograph(&table(), &green(), &light, 0.05);
+    let run = || tint(&observed, &green(), &light);
     assert_eq!(on_threads(1, run), on_threads(3, run));
-    for told in [Colouring::Grey, Colouring::GreyPhotograph] {
-        assert!(Rows::of(&prior(), &seen, &table(), &told, FINE).unwrap().is_none());
+    for colouring in [Colouring::Grey, Colouring::GreyPhotograph] {
+        assert!(Rows::of(&prior(), &observed, &table(), &colouring, FINE).unwrap().is_none());
     }
-    let mut black = seen;
+    let mut black = observed;
     black.colours.iter_mut().flatten().for_each(|c| *c = Vec3::ZERO);
-    let told = colouring(&green());
-    let rows = Rows::of(&prior(), &black, &table(), &told, FINE).unwrap().unwrap();
-    assert!(rows.under(&told, &found(&light)).is_none());
+    let colouring = colouring(&green());
+    let rows = Rows::of(&prior(), &black, &table(), &colouring, FINE).unwrap().unwrap();
+    assert!(rows.under(&colouring, &found(&light)).is_none());
 }

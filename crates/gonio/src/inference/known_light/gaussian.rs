@@ -170,7 +170,7 @@ mod tests {
     use super::*;
 
     /// A Gaussian posterior with the likelihood `N(mean; precision)` on the first axis alone.
-    fn seen(count: usize, mean: f64, precision: f64) -> Gaussian {
+    fn observed(count: usize, mean: f64, precision: f64) -> Gaussian {
         let n = ParameterSpace::free(count);
         let own = Mat::from_fn(n, n, |i, j| match (i == j, i) {
             (false, _) => 0.0,
@@ -190,7 +190,7 @@ mod tests {
 
     #[test]
     fn products_follow_the_rule_of_gaussians() {
-        let (a, b) = (seen(3, 1.0, 4.0), seen(3, 2.0, 5.0));
+        let (a, b) = (observed(3, 1.0, 4.0), observed(3, 2.0, 5.0));
         let both = Gaussian::product(&[&a, &b]).unwrap();
         assert!((both.mean[0] - (4.0 + 10.0) / 10.0).abs() < 1e-12 && both.mean[1] == 0.0, "{:?}", both.mean);
         assert!((both.precision[0] - 10.0).abs() < 1e-12);
@@ -201,11 +201,11 @@ mod tests {
     fn a_hint_acts_as_a_likelihood() {
         let information = Mat::from_fn(3, 3, |i, j| if i == 0 && j == 0 { 5.0 } else { 0.0 });
         let hint = EncoderLikelihood { information, vector: vec![5.0 * 2.0, 0.0, 0.0] };
-        let (a, b) = (seen(3, 1.0, 4.0), seen(3, 2.0, 5.0));
+        let (a, b) = (observed(3, 1.0, 4.0), observed(3, 2.0, 5.0));
         let (informed, both) = (a.informed_by(&hint).unwrap(), Gaussian::product(&[&a, &b]).unwrap());
         let same = |a: &[f64], b: &[f64]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-9);
         assert!(same(&informed.mean, &both.mean) && same(&informed.precision, &both.precision));
-        let sharp = seen(3, 1.0, 1e4);
+        let sharp = observed(3, 1.0, 1e4);
         assert!((sharp.informed_by(&hint).unwrap().mean[0] - sharp.mean[0]).abs() < 1e-3);
     }
 
@@ -215,7 +215,7 @@ mod tests {
     fn log_odds_match_the_predictive_densities() {
         let deviation = 0.2;
         for second in [0.9, 3.0] {
-            let (a, b) = (seen(3, 1.0, 400.0), seen(3, second, 500.0));
+            let (a, b) = (observed(3, 1.0, 400.0), observed(3, second, 500.0));
             let evidence = |some: &[&Gaussian]| Gaussian::log_evidence(some, deviation).unwrap();
             let got = evidence(&[&a, &b]) - evidence(&[&a]) - evidence(&[&b]);
             let normal = |x: f64, variance: f64| -0.5 * (x * x / variance + (std::f64::consts::TAU * variance).ln());

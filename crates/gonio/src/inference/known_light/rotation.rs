@@ -91,8 +91,8 @@ fn slopes(
     for (tree, factor) in light.parts(gain) {
         for node in nodes(point, table, tree, &ACCURACY).nodes {
             let cosine = node.direction.dot(point.normal).max(1e-6);
-            let seen = rows.visibility.map_or(1.0, |v| f64::from(v.share_along(at, node.direction)));
-            let weight = factor * seen * f64::from(luminance(node.weight.as_vec3())) / cosine;
+            let visibility = rows.visibility.map_or(1.0, |v| f64::from(v.share_along(at, node.direction)));
+            let weight = factor * visibility * f64::from(luminance(node.weight.as_vec3())) / cosine;
             shares.push(Share { direction: node.direction, weight });
         }
     }

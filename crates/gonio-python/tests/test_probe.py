@@ -42,12 +42,12 @@ def at(light: np.ndarray, d: tuple[float, float, float]) -> np.ndarray:
 def test_the_probe_recovers_the_light(tmp_path):
     told = []
     found = gonio.light_probe(photograph(), reflectance=0.6, progress=lambda *stage: told.append(stage))
-    assert found.light.shape == (64, 128, 3) and found.seen.shape == (64, 128) and found.picture.dtype == np.uint8
+    assert found.light.shape == (64, 128, 3) and found.coverage.shape == (64, 128) and found.picture.dtype == np.uint8
     assert at(found.light, (1, 0, 0))[0] > 30 and at(found.light, (0, 1, 0))[2] > 30
     wall = at(found.light, (-0.5, -0.4, 0.7))
     d = np.array([-0.5, -0.4, 0.7])
     assert wall == pytest.approx(room(d[None] / np.linalg.norm(d))[0], rel=0.1)
-    assert found.result["unseen"] == pytest.approx(1 - np.average(found.seen, weights=weights(64), axis=None), abs=1e-3)
+    assert found.result["unseen"] == pytest.approx(1 - np.average(found.coverage, weights=weights(64), axis=None), abs=1e-3)
     assert found.warnings == [] and told and "<img" in found._repr_html_()
     found.write(tmp_path / "probe.exr")
     assert np.array_equal(gonio.read_image(tmp_path / "probe.exr"), found.light)

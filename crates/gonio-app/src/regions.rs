@@ -137,11 +137,11 @@ fn of_regions(
     }
     // All regions share the reference of the photograph.
     let rule = observed_parts.first().map_or(context.rule, |(observed, _)| context.rule_of(observed)).0;
+    let estimate_settings = settings.estimate(rule);
     let estimates = match settings.method {
         Method::Learnt => {
             let all: Vec<&Observations> =
                 observed_parts.iter().map(|(observed, _)| &observed.detection.observations).collect();
-            let estimate_settings = settings.estimate(rule);
             let begin = |stage: EstimateStage| progress_log.report(stage.name(), 0.0);
             let found = estimate_regions(&context.model, &all, &estimate_settings, &begin)
                 .map_err(|(at, error)| AppError::of(name, error).within(&format!("region {}", parts[at].name)))?;
@@ -154,7 +154,6 @@ fn of_regions(
         let relative_albedo = estimate.as_ref().map(|estimate: &RegionEstimate| estimate.relative_albedo);
         let found = match estimate {
             Some(RegionEstimate { estimate, relative_albedo }) => {
-                let estimate_settings = settings.estimate(rule);
                 let mut found =
                     MethodResult::blind(estimate, (&observed, name), (&estimate_settings, linear), &mut own);
                 found.document.relative_albedo = Some(relative_albedo);

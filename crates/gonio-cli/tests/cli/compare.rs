@@ -5,10 +5,7 @@ use std::fs::{self, File};
 use gonio_io::result_brdf::{self, ResultBrdf};
 use serde_json::{Value, json};
 
-use crate::support::{ANSWER, Bench};
-
-/// Environment of runs that write pages. Other runs write no pages, for speed.
-const WITH_PAGES: [(&str, &str); 2] = [("GONIO_NO_REPORT", "false"), ("GONIO_NO_PICTURES", "false")];
+use crate::support::{ANSWER, Bench, WITH_PAGES};
 
 /// Writes the result of the ball to a folder, and applies `change` to its `result.json`.
 fn result(bench: &Bench, folder: &str, change: impl FnOnce(&mut Value)) {

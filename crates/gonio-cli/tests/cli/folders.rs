@@ -23,8 +23,9 @@ fn new_results_replace_earlier_results() {
         assert!(before.iter().any(|n| n == name), "{name} in {before:?}");
     }
     // The paper's method estimates neither quantiles nor a posterior of materials.
-    bench.run("infer ball.exr -o out --grid 8 --method variational --starts 1").succeeds();
-    assert_eq!(bench.names("out"), ["brdf.npz", "export", "light.exr", "notes.txt", "result.json"]);
+    bench.run_with_pictures("infer ball.exr -o out --grid 8 --method variational --starts 1").succeeds();
+    let after = ["brdf.npz", "export", "light.exr", "notes.txt", "relit.png", "result.json", "summary.png"];
+    assert_eq!(bench.names("out"), after);
     assert_eq!(bench.names("out/export"), ["scene.blend"]);
     assert_eq!(bench.json("out/result.json")["method"], "variational");
 }

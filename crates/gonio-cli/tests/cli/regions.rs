@@ -4,7 +4,7 @@ use glam::Vec3;
 use gonio::picture::{Picture, Plane};
 use gonio_io::picture::encode_png;
 
-use crate::support::{Bench, SIZE, ball, exr};
+use crate::support::{Bench, SIZE, WITH_PAGES, ball, exr};
 
 /// Returns two copies of the ball side by side; the right one is 0.4 times as bright.
 fn two_balls() -> Picture {
@@ -23,8 +23,8 @@ fn labels(width: usize, height: usize) -> Vec<u8> {
 fn separates_balls_that_do_not_touch() {
     let bench = Bench::new();
     bench.write("balls.exr", &exr(&two_balls()));
-    bench.run("infer balls.exr -o out --grid 8").succeeds();
-    assert_eq!(bench.names("out"), ["1", "2", "result.json"]);
+    bench.run_with_pictures("infer balls.exr -o out --grid 8").succeeds();
+    assert_eq!(bench.names("out"), ["1", "2", "materials.png", "result.json"]);
     let result = bench.json("out/result.json");
     assert_eq!(result["regions"].as_array().unwrap().len(), 2);
     for name in ["1", "2"] {
@@ -37,20 +37,15 @@ fn separates_balls_that_do_not_touch() {
     // Specified circles give the same files in the same folder.
     let (half, radius) = (SIZE as f64 / 2.0, SIZE as f64 / 2.0 - 2.0);
     let circles = format!("--circle {half},{half},{radius} --circle {},{half},{radius}", half + SIZE as f64);
-    bench.run(&format!("infer balls.exr -o out --grid 8 {circles}")).succeeds();
-    assert_eq!(bench.names("out"), ["1", "2", "result.json"]);
+    bench.run_with_pictures(&format!("infer balls.exr -o out --grid 8 {circles}")).succeeds();
+    assert_eq!(bench.names("out"), ["1", "2", "materials.png", "result.json"]);
 }
 
 #[test]
 fn labels_name_the_regions() {
     let bench = Bench::with_ball();
     bench.write("labels.png", &labels(SIZE, SIZE));
-    bench
-        .run_with(
-            "infer ball.exr -o out --grid 8 --materials labels.png",
-            &[("GONIO_NO_REPORT", "false"), ("GONIO_NO_PICTURES", "false")],
-        )
-        .succeeds();
+    bench.run_with("infer ball.exr -o out --grid 8 --materials labels.png", &WITH_PAGES).succeeds();
     assert_eq!(bench.names("out"), ["00ff00", "ff0000", "materials.png", "report.html", "result.json"]);
     let page = String::from_utf8(bench.read("out/report.html")).unwrap();
     assert!(page.contains("./ff0000/report.html"));

@@ -7,10 +7,7 @@ use gonio::lighting::studio_light;
 use gonio_io::picture::encode_hdr;
 use serde_json::Value;
 
-use crate::support::Bench;
-
-/// Environment of runs that write the report. Other runs do not write it, for speed.
-const WITH_REPORT: [(&str, &str); 2] = [("GONIO_NO_REPORT", "false"), ("GONIO_NO_PICTURES", "false")];
+use crate::support::{Bench, WITH_PAGES};
 
 /// Returns all values of an attribute.
 fn attributes<'a>(page: &'a str, name: &str) -> Vec<&'a str> {
@@ -44,7 +41,7 @@ static PAGE: LazyLock<(String, Value)> = LazyLock::new(|| {
     // This name would end a text or an attribute if it were not escaped.
     let name = "<b>&\"x.exr";
     fs::rename(bench.path("ball.exr"), bench.path(name)).unwrap();
-    bench.run_with(&format!("infer {name} -o out --grid 8"), &WITH_REPORT).succeeds();
+    bench.run_with(&format!("infer {name} -o out --grid 8"), &WITH_PAGES).succeeds();
     (String::from_utf8(bench.read("out/report.html")).unwrap(), bench.json("out/result.json"))
 });
 
@@ -104,7 +101,7 @@ fn the_report_of_a_known_light_omits_the_uncertainty() {
     let bench = Bench::with_ball();
     bench.write("light.hdr", &encode_hdr(studio_light(32).radiance()));
     let line = "infer ball.exr -o out --starts 1 --normals normals.npy --method known-light-basis --light light.hdr";
-    bench.run_with(line, &WITH_REPORT).succeeds();
+    bench.run_with(line, &WITH_PAGES).succeeds();
     let page = String::from_utf8(bench.read("out/report.html")).unwrap();
     assert!(!page.contains("id=\"trust\"") && page.contains("id=\"renderers\""));
     assert_eq!(names(&sphere(&page)["materials"]), ["estimate"]);

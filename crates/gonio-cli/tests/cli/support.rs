@@ -17,6 +17,9 @@ use gonio_io::picture::encode_hdr;
 /// Side of the pictures of the ball.
 pub(crate) const SIZE: usize = 48;
 
+/// Environment of runs that write pictures and pages. Other runs write neither, for speed.
+pub(crate) const WITH_PAGES: [(&str, &str); 2] = [("GONIO_NO_REPORT", "false"), ("GONIO_NO_PICTURES", "false")];
+
 /// Exit code and output of a run of the program.
 #[derive(Debug)]
 pub(crate) struct Run {
@@ -123,7 +126,8 @@ impl Bench {
         command
             .args(line.split_whitespace())
             .current_dir(self.0.path())
-            // Pictures and report take longer than everything else; the tests of both enable them.
+            // Pictures and report take longer than everything else; the tests of both enable them,
+            // and tools/nightly.sh enables the pictures of all tests.
             .env("GONIO_NO_REPORT", "true")
             .env("GONIO_NO_PICTURES", std::env::var_os("GONIO_NO_PICTURES").unwrap_or("true".into()))
             .env("GONIO_CACHE_DIR", Path::new(env!("CARGO_TARGET_TMPDIR")).join("plans"));

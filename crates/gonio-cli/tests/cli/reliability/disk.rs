@@ -72,8 +72,11 @@ fn fill_any(job: &Job) {
 fn errors_name_a_full_output_folder() {
     let bench = job("infer").bench();
     let folder = bench.path("disk");
-    let Some(_disk) = SmallDisk::mount(&folder, 256) else { return };
-    bench.refuses("infer ball.exr --grid 8 -o disk", &["disk/brdf.npz: cannot write", "free disk space"]);
+    let Some(_disk) = SmallDisk::mount(&folder, 1024) else { return };
+    let before = bench.tree();
+    let run = bench.run_with_pictures("infer ball.exr --grid 8 -o disk");
+    run.fails(&["disk/summary.png: cannot write", "free disk space"]);
+    assert_eq!(bench.tree(), before);
 }
 
 each_job!(disks_of_any_size: fill_any);

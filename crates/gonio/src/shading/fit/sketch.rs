@@ -15,8 +15,8 @@ const STEP_H: usize = 3;
 /// Difference angles (degrees) at which a model is evaluated, dense where reflectance rises.
 const ALONG_D: [usize; 12] = [0, 10, 20, 30, 40, 50, 60, 68, 74, 79, 84, 89];
 
-/// Number of azimuths `phi_d`: the middle of each of equal parts of the quarter circle, every
-/// second one mirrored to the other quarter. Reciprocal models have equal values in both quarters.
+/// Number of azimuths `phi_d`, equally spaced over the quarter circle. Every second one is mirrored
+/// to the other quarter, where reciprocal models have the same values.
 const AZIMUTHS: usize = 6;
 
 /// Smallest mean product of both cosines by which a model is scaled for interpolation.
@@ -146,7 +146,7 @@ mod tests {
     #[test]
     fn sketch_approximates_the_picture() {
         let model = MetallicRoughness::of(&[0.5, 0.2, 0.1, 0.3, 0.35, 1.4, 1.0, 0.9, 0.8, 0.5, 0.9]);
-        let tables = model.to_bivariate(6);
+        let tables = model.to_bivariate(super::super::FINE_AZIMUTHS);
         let settings = IntegratorSettings { tolerance: 0.5, max_cells: 8000 };
         let points = Lattice::new().points(DQuat::IDENTITY);
         let relighters = Relighter::of_channels(&points, &tables, &LightTree::of_map(&studio_light(32)), &settings);

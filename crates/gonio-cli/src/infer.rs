@@ -126,7 +126,7 @@ pub(crate) struct InferOptions {
     no_report: bool,
     /// Do not write pictures or report.html
     ///
-    /// The pictures take about half of the time.
+    /// Pictures and report take about half of the time.
     /// Setting GONIO_NO_PICTURES=1 has the same effect.
     #[arg(long, env = "GONIO_NO_PICTURES", hide_env_values = true, value_parser = parse_yes, help_heading = OUTPUT)]
     no_pictures: bool,

@@ -320,7 +320,7 @@ def infer(
         Use only the colour of the reference, because it does not face the camera or is not under
         the same light as the object.
     pictures : bool, default True
-        Draw :attr:`Posterior.pictures`, which takes about half of the time.
+        Draw :attr:`Posterior.pictures`, which takes a third of the time.
     report : bool, default False
         Also create the page ``report.html`` for :meth:`Posterior.save`.
     progress : callable, optional

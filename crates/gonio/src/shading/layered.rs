@@ -53,26 +53,35 @@ impl Shading for Layered {
     }
 
     fn eval(&self, wi: DVec3, wo: DVec3) -> DVec3 {
-        let Some(facet) = Facet::new(wi, wo) else { return DVec3::ZERO };
-        let base_lobe = lobe(&facet, self.roughness.powi(4));
-        let [at_zero, at_grazing] = Albedo::table().at(facet.cos_o, self.roughness);
-        // `at_once` is the fraction that a white lobe reflects in one bounce; the rest is reflected
-        // in later bounces, multiplied by the colour once more.
-        let at_once = at_zero + at_grazing;
-        let later = (1.0 - at_once) / at_once;
+        self.evaluator()(wi, wo)
+    }
+
+    fn evaluator(&self) -> impl Fn(DVec3, DVec3) -> DVec3 + Sync {
+        let albedo = Albedo::table().of_roughness(self.roughness);
+        let coat_albedo = Albedo::table().of_roughness(self.coat_roughness);
+        let (alpha, coat_alpha) = (self.roughness.powi(2), self.coat_roughness.powi(2));
         let f0 = f0_of(self.ior);
-        let reflected = (f0 * at_zero + at_grazing).min(1.0) * (1.0 + f0 * later);
-        let dielectric = self.base_color * (FRAC_1_PI * (1.0 - reflected).max(0.0))
-            + self.specular_color * (fresnel_dielectric(facet.cos_d, self.ior) * base_lobe * (1.0 + f0 * later));
-        let fresnel = f82(self.base_color, self.specular_color, facet.cos_d);
-        let metal = fresnel * base_lobe * (DVec3::ONE + self.base_color * later);
-        let base = dielectric.lerp(metal, self.metalness);
-        if self.coat_weight == 0.0 {
-            return base;
+        move |wi, wo| {
+            let Some(facet) = Facet::new(wi, wo) else { return DVec3::ZERO };
+            let base_lobe = lobe(&facet, alpha * alpha);
+            let [at_zero, at_grazing] = interpolate(&albedo, facet.cos_o);
+            // `at_once` is the fraction that a white lobe reflects in one bounce; the rest is
+            // reflected in later bounces, multiplied by the colour once more.
+            let at_once = at_zero + at_grazing;
+            let later = (1.0 - at_once) / at_once;
+            let reflected = (f0 * at_zero + at_grazing).min(1.0) * (1.0 + f0 * later);
+            let dielectric = self.base_color * (FRAC_1_PI * (1.0 - reflected).max(0.0))
+                + self.specular_color * (fresnel_dielectric(facet.cos_d, self.ior) * base_lobe * (1.0 + f0 * later));
+            let fresnel = f82(self.base_color, self.specular_color, facet.cos_d);
+            let metal = fresnel * base_lobe * (DVec3::ONE + self.base_color * later);
+            let base = dielectric.lerp(metal, self.metalness);
+            if self.coat_weight == 0.0 {
+                return base;
+            }
+            let [at_zero, at_grazing] = interpolate(&coat_albedo, facet.cos_o);
+            let coat = fresnel_dielectric(facet.cos_d, COAT_IOR) * lobe(&facet, coat_alpha * coat_alpha);
+            base * (1.0 - self.coat_weight * (COAT_F0 * at_zero + at_grazing)) + DVec3::splat(self.coat_weight * coat)
         }
-        let [at_zero, at_grazing] = Albedo::table().at(facet.cos_o, self.coat_roughness);
-        let coat = fresnel_dielectric(facet.cos_d, COAT_IOR) * lobe(&facet, self.coat_roughness.powi(4));
-        base * (1.0 - self.coat_weight * (COAT_F0 * at_zero + at_grazing)) + DVec3::splat(self.coat_weight * coat)
     }
 }
 
@@ -103,25 +112,30 @@ impl Albedo {
         })
     }
 
-    /// Interpolates bilinearly between entries.
-    fn at(&self, cos: f64, roughness: f64) -> [f64; 2] {
-        let axis = |x: f64| {
-            let x = x.clamp(0.0, 1.0) * (ALBEDO_SIDE - 1) as f64;
-            let i = (x as usize).min(ALBEDO_SIDE - 2);
-            (i, x - i as f64)
-        };
-        let ((i, s), (j, t)) = (axis(cos), axis(roughness));
-        let mut sum = [0.0; 2];
-        for (at, weight) in [
-            (j * ALBEDO_SIDE + i, (1.0 - s) * (1.0 - t)),
-            (j * ALBEDO_SIDE + i + 1, s * (1.0 - t)),
-            ((j + 1) * ALBEDO_SIDE + i, (1.0 - s) * t),
-            ((j + 1) * ALBEDO_SIDE + i + 1, s * t),
-        ] {
-            sum.iter_mut().zip(self.0[at]).for_each(|(sum, value)| *sum += weight * value);
-        }
-        sum
+    /// Interpolates over the roughness; returns the albedo by the cosine of the view.
+    fn of_roughness(&self, roughness: f64) -> [[f64; 2]; ALBEDO_SIDE] {
+        let (row, share) = position(roughness);
+        let entry = |row: usize, at: usize| self.0[row * ALBEDO_SIDE + at];
+        std::array::from_fn(|at| mixed(entry(row, at), entry(row + 1, at), share))
     }
+}
+
+/// Returns the index of the entry before `x`, 0 to 1, on an axis of [`Albedo`], and the weight of
+/// the next entry.
+fn position(x: f64) -> (usize, f64) {
+    let x = x.clamp(0.0, 1.0) * (ALBEDO_SIDE - 1) as f64;
+    let index = (x as usize).min(ALBEDO_SIDE - 2);
+    (index, x - index as f64)
+}
+
+fn mixed(a: [f64; 2], b: [f64; 2], share: f64) -> [f64; 2] {
+    [a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1])]
+}
+
+/// Interpolates an albedo over the cosine of the view.
+fn interpolate(albedo: &[[f64; 2]; ALBEDO_SIDE], cos: f64) -> [f64; 2] {
+    let (at, share) = position(cos);
+    mixed(albedo[at], albedo[at + 1], share)
 }
 
 /// Computes an entry by integration over the visible normals (Heitz 2018).
@@ -214,7 +228,7 @@ mod tests {
     #[test]
     fn albedo_table_matches_its_entries() {
         for (cos, roughness) in [(0.9_f64, 0.5_f64), (0.4, 0.8)] {
-            let got = Albedo::table().at(cos, roughness);
+            let got = interpolate(&Albedo::table().of_roughness(roughness), cos);
             let want = reflected(cos, roughness * roughness);
             assert!((got[0] - want[0]).abs() + (got[1] - want[1]).abs() < 0.01, "{got:?} {want:?}");
         }

@@ -48,6 +48,11 @@ pub trait Shading: Sync + Send + Sized {
     /// `wi` and `wo` are unit vectors towards the light and the viewer; the normal is `+z`.
     fn eval(&self, wi: DVec3, wo: DVec3) -> DVec3;
 
+    /// Returns [`eval`](Shading::eval), prepared for many pairs of directions.
+    fn evaluator(&self) -> impl Fn(DVec3, DVec3) -> DVec3 + Sync {
+        |wi, wo| self.eval(wi, wo)
+    }
+
     /// Returns starting parameters for this body colour and albedo of the highlight.
     fn starts(body: DVec3, highlight: DVec3) -> Vec<Vec<f64>>;
 
@@ -56,7 +61,8 @@ pub trait Shading: Sync + Send + Sized {
     /// [`Parametric::to_bivariate`](crate::reflectance::parametric::Parametric::to_bivariate) uses
     /// more samples; these formulas are smooth.
     fn to_bivariate(&self, step: usize) -> [BivariateTable; 3] {
-        azimuth_means(step, |wi, wo| self.eval(wi, wo).to_array())
+        let eval = self.evaluator();
+        azimuth_means(step, |wi, wo| eval(wi, wo).to_array())
     }
 }
 

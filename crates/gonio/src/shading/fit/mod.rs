@@ -16,7 +16,7 @@ use crate::reflectance::parametric::directions;
 use crate::reflectance::{BivariateTable, THETA_H};
 use crate::reflectance::{theta_d_of, theta_h_of};
 use crate::render::{IntegratorSettings, LightTree, Relighter};
-use search::{Goal, Search};
+use search::{Goal, Search, compressed};
 use sketch::Sketch;
 
 /// Step between half angles, in samples of a table, which are dense at the peak.
@@ -78,6 +78,10 @@ pub struct Fitter {
     /// Picture of the table, exactly and by the sketch.
     picture: Vec<DVec3>,
     sketched: Vec<DVec3>,
+    /// Mean over all channels of the exact picture.
+    mean: f64,
+    /// Compressed colours of the sketched picture, which do not depend on the scale of the table.
+    compressed: Vec<DVec3>,
 }
 
 /// Pair of directions, and the logarithm of the table's value times the cosine of the light.
@@ -118,7 +122,10 @@ impl Fitter {
             sample.logs = logs(sample.logs * sample.wi.z, floor);
         }
         let (picture, sketched) = (picture(&relighters, tables), sketch.target(tables));
-        Self { samples: Arc::new(samples), relighters, sketch, floor, body, highlight, picture, sketched }
+        let mean = picture.iter().map(|p| p.element_sum()).sum::<f64>() / (3 * picture.len()) as f64;
+        let compressed = sketched.iter().map(|colour| compressed(*colour, mean)).collect();
+        let samples = Arc::new(samples);
+        Self { samples, relighters, sketch, floor, body, highlight, picture, sketched, mean, compressed }
     }
 
     /// Returns a fitter of other tables with the same sphere. The tables are draws from a posterior
@@ -140,6 +147,7 @@ impl Fitter {
             highlight: by * self.highlight,
             picture: scaled(&self.picture),
             sketched: scaled(&self.sketched),
+            mean: by * self.mean,
             ..self.clone()
         }
     }
@@ -258,11 +266,6 @@ impl Fitter {
         Fitted { model, relight, log_relight, parameters }
     }
 
-    /// Returns the mean over all channels of the picture.
-    fn mean(&self) -> f64 {
-        self.picture.iter().map(|p| p.element_sum()).sum::<f64>() / (3 * self.picture.len()) as f64
-    }
-
     /// Returns the errors [`Fitted::relight`] and [`Fitted::log_relight`] of other tables.
     pub fn compare(&self, tables: &[BivariateTable; 3]) -> (f64, f64) {
         self.errors(&self.picture, &picture(&self.relighters, tables))
@@ -274,7 +277,7 @@ impl Fitter {
     }
 
     fn errors(&self, want: &[DVec3], shown: &[DVec3]) -> (f64, f64) {
-        let (mut off, mut all, mut logs, least) = (0.0, 0.0, 0.0, 0.01 * self.mean());
+        let (mut off, mut all, mut logs, least) = (0.0, 0.0, 0.0, 0.01 * self.mean);
         for (a, b) in want.iter().zip(shown) {
             off += (*a - *b).length_squared();
             all += a.length_squared();
@@ -384,16 +387,18 @@ mod tests {
             .to_bivariate(FINE_AZIMUTHS);
         let fitter = Fitter::new(&tables);
         let (start, free) = ([0.4, 0.3, 0.2, 0.2, 0.5, 1.5, 0.9, 1.0, 0.8, 0.4, 0.3], [0, 1, 3, 4, 5, 7, 9, 10]);
-        let search = Search::<MetallicRoughness>::new(&fitter, &start, &free, Goal::Samples);
-        assert_eq!(search.parameters()[8], 0.8);
-        let slopes = search.jacobian().unwrap();
-        for k in 0..free.len() {
-            let mut at = search.at.clone();
-            at[k] += 1e-3;
-            let (far, near) = (search.off(&at), search.off(&search.at));
-            for (row, (far, near)) in far.iter().zip(&near).enumerate() {
-                let want = (far - near) / 1e-3;
-                assert!((slopes[(row, k)] - want).abs() < 2e-3 * (1.0 + want.abs()), "{row} {k}");
+        for goal in [Goal::Samples, Goal::Picture] {
+            let search = Search::<MetallicRoughness>::new(&fitter, &start, &free, goal);
+            assert_eq!(search.parameters()[8], 0.8);
+            let slopes = search.jacobian().unwrap();
+            for k in 0..free.len() {
+                let mut at = search.at.clone();
+                at[k] += 1e-3;
+                let (far, near) = (search.residuals_at(&at), search.residuals_at(&search.at));
+                for (row, (far, near)) in far.iter().zip(&near).enumerate() {
+                    let want = (far - near) / 1e-3;
+                    assert!((slopes[(row, k)] - want).abs() < 2e-3 * (1.0 + want.abs()), "{goal:?} {row} {k}");
+                }
             }
         }
     }

@@ -4,7 +4,7 @@ use glam::DVec3;
 use levenberg_marquardt::LeastSquaresProblem;
 use nalgebra::{DMatrix, DVector, Dyn, Owned};
 
-use super::{Fitter, LOG_FLOOR, Sample, logs};
+use super::{Fitter, LOG_FLOOR, logs};
 use crate::shading::Shading;
 
 /// Step of the finite differences, in the argument of the logistic function.
@@ -56,23 +56,85 @@ impl<'a, S: Shading> Search<'a, S> {
         parameters
     }
 
-    pub(super) fn off(&self, at: &DVector<f64>) -> Vec<f64> {
-        let model = S::of(&self.within(at));
-        if self.goal == Goal::Picture {
-            let shown = self.fitter.sketch.picture_of(&model);
-            let mean = self.fitter.mean();
-            // The cube root is a compromise between the value, in which the peak dominates, and its
-            // logarithm, in which the peak is a few pixels of many.
-            let bright = |c: DVec3| c.to_array().map(|c| (c / mean + LOG_FLOOR).cbrt());
-            let pixels = shown.iter().zip(&self.fitter.sketched);
-            return pixels.flat_map(|(a, b)| (DVec3::from(bright(*a)) - DVec3::from(bright(*b))).to_array()).collect();
-        }
-        let each = |s: &Sample| {
-            let got = logs(model.eval(s.wi, s.wo) * s.wi.z, self.fitter.floor);
-            (got - s.logs).to_array()
-        };
-        self.fitter.samples.iter().flat_map(each).collect()
+    fn model(&self, at: &DVector<f64>) -> S {
+        S::of(&self.within(at))
     }
+
+    /// Appends the values of a model at the samples, as logarithms.
+    fn append_samples(&self, model: &S, to: &mut Vec<f64>) {
+        let eval = model.evaluator();
+        for sample in self.fitter.samples.iter() {
+            to.extend_from_slice(&logs(eval(sample.wi, sample.wo) * sample.wi.z, self.fitter.floor).to_array());
+        }
+    }
+
+    pub(super) fn residuals_at(&self, at: &DVector<f64>) -> Vec<f64> {
+        let model = self.model(at);
+        match self.goal {
+            Goal::Samples => {
+                let mut values = Vec::with_capacity(3 * self.fitter.samples.len());
+                self.append_samples(&model, &mut values);
+                let wanted = self.fitter.samples.iter().flat_map(|sample| sample.logs.to_array());
+                values.iter_mut().zip(wanted).for_each(|(value, wanted)| *value -= wanted);
+                values
+            }
+            Goal::Picture => {
+                let pixels = self.fitter.sketch.picture_of(&model).into_iter().zip(&self.fitter.compressed);
+                pixels.flat_map(|(got, want)| (compressed(got, self.fitter.mean) - *want).to_array()).collect()
+            }
+        }
+    }
+
+    /// Returns the models a step from the current parameters, one for each free parameter.
+    fn neighbours(&self) -> impl Iterator<Item = S> {
+        (0..self.at.len()).map(|k| {
+            let mut at = self.at.clone();
+            at[k] += DIFFERENCE_STEP;
+            self.model(&at)
+        })
+    }
+
+    /// Derivatives of the values at the samples, one parameter after the other.
+    fn slopes_of_samples(&self) -> Vec<f64> {
+        let mut here = Vec::with_capacity(3 * self.fitter.samples.len());
+        self.append_samples(&self.model(&self.at), &mut here);
+        let mut slopes = Vec::with_capacity(here.len() * self.at.len());
+        for model in self.neighbours() {
+            let first = slopes.len();
+            self.append_samples(&model, &mut slopes);
+            let new = slopes[first..].iter_mut();
+            new.zip(&here).for_each(|(there, here)| *there = (*there - here) / DIFFERENCE_STEP);
+        }
+        slopes
+    }
+
+    /// Derivatives of the compressed colours of the picture, one parameter after the other. The
+    /// picture is linear in the values of the model.
+    fn slopes_of_picture(&self) -> Vec<f64> {
+        let (sketch, mean) = (&self.fitter.sketch, self.fitter.mean);
+        let here = sketch.values(self.model(&self.at).evaluator());
+        let of_values = |model: S| {
+            let there = sketch.values(model.evaluator());
+            there.iter().zip(&here).map(|(there, here)| (*there - *here) / DIFFERENCE_STEP).collect()
+        };
+        let of_values: Vec<Vec<DVec3>> = self.neighbours().map(of_values).collect();
+        let inner = |colour: &DVec3| {
+            let root = compressed(*colour, mean);
+            (3.0 * mean * root * root).recip()
+        };
+        let inner: Vec<DVec3> = sketch.picture(&here).iter().map(inner).collect();
+        let of_pictures = sketch.derivatives(&of_values);
+        let product = |(slope, inner): (&DVec3, &DVec3)| (*slope * *inner).to_array();
+        of_pictures.iter().flat_map(|slopes| slopes.iter().zip(&inner).flat_map(product)).collect()
+    }
+}
+
+/// Returns a colour of the picture as [`Goal::Picture`] compares it, given the mean of the picture.
+///
+/// The cube root is a compromise between the value, in which the peak dominates, and its logarithm,
+/// in which the peak is a few pixels of many.
+pub(super) fn compressed(colour: DVec3, mean: f64) -> DVec3 {
+    DVec3::from_array(colour.to_array().map(|c| (c / mean + LOG_FLOOR).cbrt()))
 }
 
 impl<S: Shading> LeastSquaresProblem<f64, Dyn, Dyn> for Search<'_, S> {
@@ -89,16 +151,14 @@ impl<S: Shading> LeastSquaresProblem<f64, Dyn, Dyn> for Search<'_, S> {
     }
 
     fn residuals(&self) -> Option<DVector<f64>> {
-        Some(DVector::from_vec(self.off(&self.at)))
+        Some(DVector::from_vec(self.residuals_at(&self.at)))
     }
 
     fn jacobian(&self) -> Option<DMatrix<f64>> {
-        let (here, mut columns) = (self.off(&self.at), Vec::new());
-        for k in 0..self.at.len() {
-            let mut at = self.at.clone();
-            at[k] += DIFFERENCE_STEP;
-            columns.extend(self.off(&at).iter().zip(&here).map(|(there, here)| (there - here) / DIFFERENCE_STEP));
-        }
-        Some(DMatrix::from_vec(columns.len() / self.at.len(), self.at.len(), columns))
+        let slopes = match self.goal {
+            Goal::Samples => self.slopes_of_samples(),
+            Goal::Picture => self.slopes_of_picture(),
+        };
+        Some(DMatrix::from_vec(slopes.len() / self.at.len(), self.at.len(), slopes))
     }
 }

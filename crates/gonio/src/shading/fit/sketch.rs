@@ -2,6 +2,8 @@
 
 use std::f64::consts::PI;
 
+use faer::linalg::matmul::matmul;
+use faer::{Accum, Mat, MatRef, Par};
 use glam::DVec3;
 use gonio_linalg::{dispatch, dot};
 
@@ -86,7 +88,22 @@ impl Sketch {
 
     /// Returns the picture of a model.
     pub(super) fn picture_of<S: Shading>(&self, model: &S) -> Vec<DVec3> {
-        self.picture(&self.values(|wi, wo| model.eval(wi, wo)))
+        self.picture(&self.values(model.evaluator()))
+    }
+
+    /// Returns the derivatives of the unclamped picture of a model whose values have these
+    /// derivatives in the cells: `[parameter][point]`.
+    pub(super) fn derivatives(&self, of_values: &[Vec<DVec3>]) -> Vec<Vec<DVec3>> {
+        let [r, g, b] = [0, 1, 2].map(|c| {
+            let cells = self.cells.len();
+            let values = Mat::from_fn(cells, of_values.len(), |cell, k| of_values[k][cell][c] as f32);
+            let matrix = MatRef::from_row_major_slice(&self.matrix[c], self.matrix[c].len() / cells, cells);
+            let mut product = Mat::zeros(matrix.nrows(), of_values.len());
+            matmul(&mut product, Accum::Replace, matrix, &values, 1.0, Par::Seq);
+            product
+        });
+        let colour = |point, k| DVec3::new(r[(point, k)].into(), g[(point, k)].into(), b[(point, k)].into());
+        (0..of_values.len()).map(|k| (0..r.nrows()).map(|point| colour(point, k)).collect()).collect()
     }
 
     /// Returns the RGB values of a model in the cells.
@@ -152,7 +169,7 @@ mod tests {
         let relighters = Relighter::of_channels(&points, &tables, &LightTree::of_map(&studio_light(32)), &settings);
         let sketch = Sketch::new(&relighters);
         let target = sketch.target(&tables);
-        let drawn = sketch.picture(&sketch.values(|wi, wo| model.eval(wi, wo)));
+        let drawn = sketch.picture_of(&model);
         let exact: Vec<f64> = relighters[1].render(&tables[1]).into_iter().step_by(POINTS).collect();
         let all: f64 = exact.iter().map(|e| e * e).sum();
         let off: f64 = drawn.iter().zip(&exact).map(|(a, e)| (a.y - e).powi(2)).sum();

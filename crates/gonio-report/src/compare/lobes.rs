@@ -31,7 +31,7 @@ pub(super) fn section(entries: &[Entry]) -> Markup {
     let title = format!("At a difference angle of {CUT}°");
     let frame = Frame {
         title: &title,
-        x: ("half angle (degrees)", Axis::Linear),
+        x: ("half angle (degrees)", Axis::SquareRoot),
         y: ("BRDF (1/sr)", Axis::Log),
         y_range: None,
     };

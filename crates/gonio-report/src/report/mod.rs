@@ -65,6 +65,7 @@ impl Report<'_> {
         let lead = html! {
             (self.answer())
             (warnings(self.warnings))
+            (self.next_step())
             (self.verdict())
             section #found { (self.found()) }
             (self.about())
@@ -83,6 +84,26 @@ impl Report<'_> {
                         strong { (material.finish().name()) } (rest) "."
                     }
                     None => { "This BRDF explains the photograph best. The method does not estimate its uncertainty." }
+                }
+            }
+        }
+    }
+
+    /// Recommends how to narrow wide intervals.
+    fn next_step(&self) -> Markup {
+        let is_wide = self.subject.material.is_some_and(|material| material.peak_factor() > WIDE);
+        let first = if self.warnings.is_empty() { "" } else { "First remove the causes of the warnings. " };
+        html! {
+            @if is_wide {
+                p.note {
+                    strong { "Next: " }
+                    (first)
+                    @if self.subject.known_light.is_none() {
+                        "A known light narrows the intervals most: photograph a mirror ball beside the object ("
+                        code { "--mirror-ball" } ") or specify a light probe (" code { "--light" } ")."
+                    } @else {
+                        "Further photographs in other lights narrow the intervals a little (" code { "gonio combine" } ")."
+                    }
                 }
             }
         }

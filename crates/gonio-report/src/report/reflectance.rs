@@ -62,7 +62,7 @@ fn cut_at(table: &BivariateTable, band: Option<(&BivariateTable, &BivariateTable
     let title = format!("At a difference angle of {cut}°");
     let axes = Frame {
         title: &title,
-        x: ("half angle (degrees)", Axis::Linear),
+        x: ("half angle (degrees)", Axis::SquareRoot),
         y: ("BRDF (1/sr)", Axis::Log),
         y_range: None,
     };

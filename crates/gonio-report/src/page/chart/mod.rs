@@ -18,6 +18,8 @@ pub use statistics::{Histogram, ecdf_steps};
 pub enum Axis {
     /// Linear.
     Linear,
+    /// Proportional to the square root of values that are not negative, from zero on.
+    SquareRoot,
     /// Logarithmic.
     Log,
 }
@@ -162,7 +164,12 @@ pub fn ecdf(title: &str, x_label: &str, x: Axis, sets: &[(&str, Vec<f64>)]) -> M
 impl Axis {
     /// Whether the axis can show the value.
     fn shows(self, value: f64) -> bool {
-        value.is_finite() && (self == Self::Linear || value > 0.0)
+        let in_domain = match self {
+            Self::Linear => true,
+            Self::SquareRoot => value >= 0.0,
+            Self::Log => value > 0.0,
+        };
+        value.is_finite() && in_domain
     }
 }
 

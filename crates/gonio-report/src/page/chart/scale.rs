@@ -6,8 +6,8 @@ use plotters::coord::ranged1d::{KeyPointHint, NoDefaultFormatting, Ranged, Value
 
 use super::Axis;
 
-/// A range of values on an axis, linear or logarithmic. Bounds are finite, ascending and distinct;
-/// positive if logarithmic.
+/// A range of values on an axis. Bounds are finite, ascending and distinct; positive if the axis is
+/// logarithmic, and not negative if it shows square roots.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Scale {
     axis: Axis,
@@ -31,6 +31,7 @@ impl Scale {
                 let room = if high > low { 0.04 * (high - low) } else { 0.5 * high.abs().max(1e-9) };
                 Self { axis, low: low - room, high: high + room }
             }
+            Axis::SquareRoot => Self { axis, low: 0.0, high: if high > 0.0 { high } else { 1.0 } },
             Axis::Log => {
                 let room = if high > low { (high / low).powf(0.04).min(1e3) } else { 2.0 };
                 Self { axis, low: (low / room).max(f64::MIN_POSITIVE), high: (high * room).min(f64::MAX) }
@@ -52,6 +53,7 @@ impl Scale {
     pub(crate) fn share(&self, value: f64) -> f64 {
         let share = match self.axis {
             Axis::Linear => (value - self.low) / (self.high - self.low),
+            Axis::SquareRoot => (value.max(0.0).sqrt() - self.low.sqrt()) / (self.high.sqrt() - self.low.sqrt()),
             Axis::Log => (value.max(f64::MIN_POSITIVE) / self.low).ln() / (self.high / self.low).ln(),
         };
         if share.is_nan() { 0.0 } else { share.clamp(0.0, 1.0) }
@@ -69,6 +71,17 @@ impl Scale {
                 .map(|i| (first + f64::from(i)) * step)
                 .take_while(|v| *v <= self.high * (1.0 + 1e-12))
                 .collect();
+        }
+        if self.axis == Axis::SquareRoot {
+            let first = self.high.log10().floor() as i32 - 4;
+            let round = (0..6).flat_map(|d| [1.0, 2.0, 5.0].map(|m| m * 10.0_f64.powi(first + d)));
+            let mut marks = vec![self.low];
+            for value in round.filter(|v| (self.low..=self.high).contains(v)) {
+                if self.share(value) - self.share(marks[marks.len() - 1]) >= 0.6 / most {
+                    marks.push(value);
+                }
+            }
+            return marks;
         }
         let (from, to) = (self.low.log10(), self.high.log10());
         let powers = |every: f64| {
@@ -138,6 +151,7 @@ mod tests {
             assert_eq!(got, want, "{low} {high}");
         };
         check(Axis::Linear, 0.0, 1.0, &["0", "0.2", "0.4", "0.6", "0.8", "1"]);
+        check(Axis::SquareRoot, 0.0, 80.0, &["0", "1", "5", "10", "20", "50"]);
         check(Axis::Linear, -0.03, 0.03, &["-0.03", "-0.02", "-0.01", "0", "0.01", "0.02", "0.03"]);
         check(Axis::Log, 0.05, 3.0, &["0.05", "0.1", "0.2", "0.5", "1", "2"]);
         check(Axis::Log, 1e-5, 200.0, &["1e-4", "0.01", "1", "100"]);
@@ -155,7 +169,7 @@ mod tests {
 
     #[test]
     fn accepts_empty_and_extreme_ranges() {
-        for axis in [Axis::Linear, Axis::Log] {
+        for axis in [Axis::Linear, Axis::SquareRoot, Axis::Log] {
             for values in [vec![], vec![3.0], vec![f64::MAX, 1.0], vec![f64::MIN_POSITIVE, f64::MAX]] {
                 let scale = Scale::around(axis, values.clone().into_iter(), None);
                 assert!(scale.low < scale.high && scale.marks(6).len() < 101, "{values:?} {scale:?}");

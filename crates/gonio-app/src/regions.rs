@@ -3,14 +3,14 @@
 use std::collections::BTreeMap;
 
 use glam::Vec3;
-use gonio::estimate::{EstimateStage, RegionEstimate, estimate_regions};
+use gonio::estimate::{EstimateStage, Material, RegionEstimate, estimate_regions};
 use gonio::model::Model;
 use gonio::picture::{Picture, Plane};
 use gonio::scene::{Circle, Object, Observations, outline_of_ball, separate_balls};
 use gonio_io::picture::{ReadOptions, encode_png};
 use gonio_io::result::{self, REGIONS_FORMAT, RegionEntry, RegionsDocument, VERSION};
 use gonio_report::combined::{Shown, side_by_side};
-use gonio_report::regions::{Row, page, painted};
+use gonio_report::regions::{Row, outlined, page};
 
 use crate::answer::{InferenceContext, InferenceResult, MethodResult, assemble, of_one, solve};
 use crate::mask::disk_of;
@@ -286,13 +286,13 @@ impl RegionsResult {
         settings: &Settings<'_>,
     ) -> Self {
         let warnings: Vec<String> = warnings.iter().map(|warning| warning.worded(settings.words)).collect();
-        let roughness =
-            |region: &Region| region.result.material.as_ref().map(|material| material.highlight.roughness());
+        let verdict = |region: &Region| region.result.material.as_ref().map(Material::verdict);
         let entry = |region: &Region| RegionEntry {
             name: region.name.clone(),
+            verdict: verdict(region),
             folder: region.name.clone(),
             relative_albedo: region.relative_albedo,
-            roughness: roughness(region).map(Into::into),
+            roughness: region.result.material.as_ref().map(|material| material.highlight.roughness().into()),
             misfit: region.result.residual.1,
             warnings: region.result.warnings.clone(),
         };
@@ -307,7 +307,7 @@ impl RegionsResult {
         };
         let overview = settings.pictures.then(|| {
             let masks: Vec<&Plane<f32>> = parts.iter().map(|part| &part.mask).collect();
-            let (map, colours) = painted(picture, &masks);
+            let (map, colours) = outlined(picture, &masks);
             let spheres: Vec<Shown> = regions
                 .iter()
                 .map(|region| Shown {
@@ -322,7 +322,7 @@ impl RegionsResult {
                 .iter()
                 .map(|region| Row {
                     name: region.name.clone(),
-                    roughness: roughness(region),
+                    verdict: verdict(region),
                     nearest: region.result.material.as_ref().and_then(|m| m.neighbours.first()).map(|n| n.name.clone()),
                     relative_albedo: region.relative_albedo,
                     misfit: region.result.residual.1,

@@ -420,7 +420,11 @@ fn write_regions(
     folder.fill(&several.files())?;
     let names: Vec<&str> = several.regions.iter().map(|region| region.name.as_str()).collect();
     let seconds = start.elapsed().as_secs_f64();
-    let text = format!("{output}: BRDFs of {} regions ({}) in {seconds:.1} s", names.len(), names.join(", "));
+    let mut text = format!("{output}: BRDFs of {} regions ({}) in {seconds:.1} s", names.len(), names.join(", "));
+    for region in &several.document.regions {
+        let verdict = region.verdict.as_deref().unwrap_or("no interval");
+        text += &format!("\nregion {}: {verdict}", region.name);
+    }
     let mut warnings: Vec<String> = Vec::new();
     for region in &several.regions {
         warnings.extend(region.result.warnings.iter().map(|warning| format!("region {}: {warning}", region.name)));

@@ -21,29 +21,41 @@ const COLOURS: [Vec3; 8] = [
     Vec3::new(0.55, 0.55, 0.60),
 ];
 
-/// Draws the photograph with tinted regions at the height of a panel. Also returns the colour of
-/// each region.
-pub fn painted(photograph: &Picture, masks: &[&Plane<f32>]) -> (Plane<Vec3>, Vec<Vec3>) {
+/// Width of the outline of a region, relative to the height of the photograph.
+const OUTLINE: f64 = 0.012;
+
+/// Draws the photograph with the outlines of the regions at the height of a panel. Also returns the
+/// colour of each outline.
+pub fn outlined(photograph: &Picture, masks: &[&Plane<f32>]) -> (Plane<Vec3>, Vec<Vec3>) {
     let colours: Vec<Vec3> = (0..masks.len()).map(|at| COLOURS[at % COLOURS.len()]).collect();
     let (width, height) = photograph.rgb.size();
     let of = |at: usize| masks.iter().position(|mask| mask.as_slice()[at] > 0.5);
     let exposure = Exposure::by_quantile(&photograph.rgb, |at| of(at).is_some(), 0.9, 0.6);
-    let tinted = Plane::from_fn(width, height, |x, y| {
+    let reach = ((OUTLINE * height as f64).round() as isize).max(1);
+    let is_outline = |x: usize, y: usize, region: usize| {
+        [(-reach, 0), (reach, 0), (0, -reach), (0, reach)].into_iter().any(|(dx, dy)| {
+            let (u, v) = (x.checked_add_signed(dx), y.checked_add_signed(dy));
+            let inside = u.zip(v).filter(|(u, v)| *u < width && *v < height);
+            inside.is_none_or(|(u, v)| of(v * width + u) != Some(region))
+        })
+    };
+    let drawn = Plane::from_fn(width, height, |x, y| {
         let shown = exposure.apply(photograph.rgb[(x, y)]);
         match of(y * width + x) {
-            Some(region) => shown.lerp(colours[region], 0.35),
+            Some(region) if is_outline(x, y, region) => colours[region],
+            Some(_) => shown,
             None => 0.4 * shown,
         }
     });
-    (resize(&tinted, (PANEL * width).div_ceil(height).max(1), PANEL), colours)
+    (resize(&drawn, (PANEL * width).div_ceil(height).max(1), PANEL), colours)
 }
 
 /// A row of the table of regions.
 pub struct Row {
     /// Name of the region, which is that of its folder.
     pub name: String,
-    /// 5, 50 and 95 % quantiles of its roughness.
-    pub roughness: Option<[f64; 3]>,
+    /// Finish, roughness and certainty in one line.
+    pub verdict: Option<String>,
     /// Measured material with the most similar highlight.
     pub nearest: Option<String>,
     /// Its albedo relative to that of the brightest region.
@@ -63,18 +75,18 @@ pub fn page(image: &str, overview: &Plane<Vec3>, rows: &[Row]) -> String {
     let body = html! {
         table {
             thead {
-                tr { th { "region" } th { "roughness (90 % interval)" } th { "most similar highlight (not colour)" } th { "albedo relative to the brightest region" } th { "misfit" } }
+                tr { th { "region" } th { "finish (90 % interval of the roughness)" } th { "albedo relative to the brightest region" } th { "misfit" } th { "most similar highlight (not colour)" } }
             }
             tbody {
                 @for row in rows {
                     tr {
                         th { a href={ "./" (row.name) "/report.html" } { (row.name) } }
-                        td { @if let Some([low, median, high]) = row.roughness { (format!("{median:.2} ({low:.2} to {high:.2})")) } }
-                        td { (row.nearest.as_deref().unwrap_or("")) }
+                        td { (row.verdict.as_deref().unwrap_or("")) }
                         td {
                             @if let Some(albedo) = row.relative_albedo { (format!("{albedo:.2}")) }
                         }
                         td { (format!("{:.1} %", 100.0 * row.misfit)) }
+                        td { (row.nearest.as_deref().unwrap_or("")) }
                     }
                 }
             }
@@ -95,7 +107,7 @@ mod tests {
     fn names_are_escaped_and_linked() {
         let row = Row {
             name: "a<b".into(),
-            roughness: Some([0.1, 0.2, 0.3]),
+            verdict: Some("gloss: roughness 0.20 (0.10 to 0.30)".into()),
             nearest: Some("brass".into()),
             relative_albedo: Some(0.5),
             misfit: 0.05,
@@ -106,11 +118,12 @@ mod tests {
     }
 
     #[test]
-    fn regions_have_their_colours() {
-        let picture = Picture { rgb: Plane::from_fn(20, 10, |_, _| Vec3::ONE), alpha: None };
-        let half = |left: bool| Plane::from_fn(20, 10, |x, _| f32::from(u8::from((x < 10) == left)));
-        let (map, colours) = painted(&picture, &[&half(true), &half(false)]);
+    fn outlines_have_their_colours_and_regions_keep_theirs() {
+        let picture = Picture { rgb: Plane::from_fn(200, 100, |_, _| Vec3::ONE), alpha: None };
+        let half = |left: bool| Plane::from_fn(200, 100, |x, _| f32::from(u8::from((x < 100) == left)));
+        let (map, colours) = outlined(&picture, &[&half(true), &half(false)]);
         assert_eq!((map.size(), colours.len()), ((2 * PANEL, PANEL), 2));
-        assert!((map[(10, 10)] - map[(2 * PANEL - 10, 10)]).length() > 0.1);
+        assert_eq!((map[(1, PANEL / 2)], map[(2 * PANEL - 2, PANEL / 2)]), (colours[0], colours[1]));
+        assert_eq!(map[(PANEL / 2, PANEL / 2)], map[(3 * PANEL / 2, PANEL / 2)]);
     }
 }

@@ -23,13 +23,19 @@ fn labels(width: usize, height: usize) -> Vec<u8> {
 fn separates_balls_that_do_not_touch() {
     let bench = Bench::new();
     bench.write("balls.exr", &exr(&two_balls()));
-    bench.run_with_pictures("infer balls.exr -o out --grid 8").succeeds();
+    let run = bench.run_with_pictures("infer balls.exr -o out --grid 8").succeeds();
     assert_eq!(bench.names("out"), ["1", "2", "materials.png", "result.json"]);
     let result = bench.json("out/result.json");
     assert_eq!(result["regions"].as_array().unwrap().len(), 2);
     for name in ["1", "2"] {
         assert!(bench.names(&format!("out/{name}")).contains(&"brdf.npz".to_owned()));
     }
+    // Each region has its verdict, and its own exports.
+    assert!(result["regions"][1]["verdict"].as_str().unwrap().contains("roughness"), "{result}");
+    assert!(run.stdout.contains("region 2: "), "{run:?}");
+    bench.run("export out --to ward --draws 0").succeeds();
+    assert!(bench.names("out/1/export").contains(&"ward.json".to_owned()));
+    bench.refuses("convert out a.binary", &["several regions", "out/1"]);
     // Under one light, the relative albedo of the darker ball is 0.4.
     let albedo = |at: usize| result["regions"][at]["relative_albedo"].as_f64().unwrap();
     let (low, high) = (albedo(0).min(albedo(1)), albedo(0).max(albedo(1)));

@@ -187,6 +187,9 @@ pub struct RegionEntry {
     pub name: String,
     /// Folder of its result, relative to that of the document.
     pub folder: String,
+    /// Finish, roughness and uncertainty in one line, as in [`Highlight::verdict`].
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub verdict: Option<String>,
     /// Albedo at normal incidence relative to that of the brightest region; all regions are under
     /// one light.
     #[serde(skip_serializing_if = "Option::is_none")]

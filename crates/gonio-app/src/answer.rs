@@ -283,8 +283,9 @@ pub(crate) fn solve(
         (Method::Learnt, _) => {
             let estimate_settings = settings.estimate(*rule);
             let wanted = settings.pictures && settings.report;
-            let fit = |table: &BivariateTable, colouring: &Colouring| {
-                wanted.then(|| Fits::of(&colouring.field().tables(table), false))
+            let fit = |material: &Material, colouring: &Colouring| {
+                let roughness = Some(material.highlight.roughness());
+                wanted.then(|| Fits::of(&colouring.field().tables(&material.table), roughness, false))
             };
             let (found, fits) =
                 estimate_with_task(model, observations, &estimate_settings, &begin, fit).map_err(to_error)?;
@@ -467,9 +468,10 @@ impl InferenceResult {
         progress_log.report("drawing", 0.0);
         let subject = self.subject();
         let tables = subject.coloured(&self.table.scaled(self.scale));
+        let roughness = self.material.as_ref().map(|material| material.highlight.roughness());
         let (panels, fits) = rayon::join(
             || Panels::draw(&subject, report, &|x| progress_log.report("drawing", x)),
-            || fits.or_else(|| report.then(|| Fits::of(&tables, absolute))),
+            || fits.or_else(|| report.then(|| Fits::of(&tables, roughness, absolute))),
         );
         self.panels = Some(panels);
         fits

@@ -76,6 +76,10 @@ impl Target {
         Self::Ward,
     ];
 
+    /// The targets of an export that names none: all but the MERL tables, whose files have 35 MB.
+    pub const DEFAULT: [Self; 7] =
+        [Self::Bsdf, Self::Mitsuba, Self::Blender, Self::Gltf, Self::Mtlx, Self::CookTorrance, Self::Ward];
+
     /// Returns the name and the description of the target.
     pub fn names(self) -> (&'static str, &'static str) {
         match self {
@@ -128,6 +132,9 @@ pub struct Export {
     /// Whether the scale of the BRDF is known. Otherwise, without `albedo`, the BRDF is scaled to
     /// the albedo at which [`Layered`] fits best, if a target is the model of a renderer.
     pub absolute: bool,
+    /// 90 % interval of the roughness of the highlight, if the BRDF is from a photograph
+    /// ([`roughness_of_results`]).
+    pub roughness: Option<[f64; 2]>,
     /// Also write the table of each fitted model, to compare it with the BRDF.
     pub with_tables: bool,
     /// Draws from the posterior of the BRDF, from which the intervals of fitted parameters are
@@ -155,12 +162,16 @@ impl Export {
         input: &str,
         progress: &dyn Fn(f64),
     ) -> Result<Option<ExportDocument>, Error> {
-        let Self { name, mut tables, full_table: whole, light, space, albedo, absolute, with_tables, draws } = self;
+        let Self { name, mut tables, full_table: whole, light, space, albedo, absolute, roughness, with_tables, draws } =
+            self;
         let measured = BivariateTable::luminance(&tables).normal_albedo();
         if !(measured > 0.0 && measured.is_finite()) {
             return Ok(None);
         }
         let mut fitter = Fitter::new(&tables);
+        if let Some(interval) = roughness {
+            fitter = fitter.with_roughness(interval);
+        }
         let (scale, source) = match albedo {
             Some(albedo) => (albedo / measured, "option"),
             None if absolute || !targets.iter().any(|target| target.limits_scale()) => (1.0, "input"),
@@ -220,6 +231,16 @@ pub fn is_absolute(dir: &Path) -> Result<bool, Error> {
     Ok(document_in(dir)?.is_some_and(|document| document.reflectance.absolute))
 }
 
+/// Returns the 90 % interval of the roughness of the highlight in a folder of results, for
+/// [`Export::roughness`]; `None` if the method computes no intervals.
+///
+/// # Errors
+/// If `result.json` is damaged.
+pub fn roughness_of_results(dir: &Path) -> Result<Option<[f64; 2]>, Error> {
+    let roughness = document_in(dir)?.and_then(|document| document.posterior?.highlight.roughness);
+    Ok(roughness.map(|roughness| [roughness.low, roughness.high]).filter(|ends| ends.iter().all(|end| end.is_finite())))
+}
+
 /// Reads the light of a folder of results in colour, for [`Export::light`]; `None` if the folder
 /// has no light.
 ///
@@ -251,10 +272,13 @@ fn pretty(value: &impl serde::Serialize) -> String {
     serde_json::to_string_pretty(value).expect("names and numbers are JSON")
 }
 
+/// Names of weight and roughness of the coat in the models that have both.
+const COATS: [(&str, &str); 2] = [("coat_weight", "coat_roughness"), ("clearcoat", "clearcoat_roughness")];
+
 /// Returns the 90 % interval of each number in equally structured documents; null without
 /// documents.
 fn intervals(drawn: &[Value]) -> Value {
-    match drawn.first() {
+    match drawn.iter().find(|value| !value.is_null()) {
         Some(Value::Object(first)) => {
             let of = |name: &String| drawn.iter().map(|document| document[name].clone()).collect::<Vec<_>>();
             Value::Object(first.keys().map(|name| (name.clone(), intervals(&of(name)))).collect())
@@ -427,7 +451,17 @@ impl Writer<'_> {
     /// parameters, or null without draws.
     fn fit<S: Shading + Serialize>(&self) -> (Fitted<S>, Value) {
         let fitted = self.fitter.fit::<S>();
-        let drawn: Vec<Value> = self.draws.par_iter().map(|draw| serde_json::json!(draw.refit(&fitted))).collect();
+        let refit = |draw: &Fitter| {
+            let mut parameters = serde_json::json!(draw.refit(&fitted));
+            // A coat without weight has no roughness.
+            for (weight, roughness) in COATS {
+                if parameters[weight] == 0.0 {
+                    parameters[roughness] = Value::Null;
+                }
+            }
+            parameters
+        };
+        let drawn: Vec<Value> = self.draws.par_iter().map(refit).collect();
         let intervals = intervals(&drawn);
         (fitted, intervals)
     }

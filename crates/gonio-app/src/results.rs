@@ -69,6 +69,21 @@ pub fn document_in(dir: &Path) -> Result<Option<ResultDocument>, Error> {
     }
 }
 
+/// Returns the folders of the regions in a folder of results, with the names of the regions. Empty
+/// if the folder holds no result of several regions.
+///
+/// # Errors
+/// If `result.json` is damaged.
+pub fn regions_in(dir: &Path) -> Result<Vec<(String, PathBuf)>, Error> {
+    let file = dir.join(RESULT);
+    match file.is_file().then(|| result::read(&file)).transpose()? {
+        Some(ResultFile::Regions(document)) => {
+            Ok(document.regions.into_iter().map(|region| (region.name, dir.join(region.folder))).collect())
+        }
+        _ => Ok(Vec::new()),
+    }
+}
+
 /// Contents of a folder of results. Parts that a method does not estimate are `None`.
 pub struct Files {
     /// The BRDF in colour, 1/sr, in linear Rec. 709.

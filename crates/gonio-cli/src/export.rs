@@ -9,9 +9,9 @@ use clap::builder::PossibleValue;
 use gonio::reflectance::BivariateTable;
 use gonio_app::Spaces;
 use gonio_app::draws::{self, DrawsError};
-use gonio_app::export::{DRAWS, Export, Target, is_absolute, light_of_results};
+use gonio_app::export::{DRAWS, Export, Target, is_absolute, light_of_results, roughness_of_results};
 use gonio_app::folder::{EXPORT, for_exports};
-use gonio_app::results::{BRDF, brdf_in};
+use gonio_app::results::{BRDF, brdf_in, regions_in};
 use gonio_io::posterior::FILE;
 use gonio_io::result::ExportEntry;
 use serde_json::json;
@@ -23,11 +23,11 @@ use crate::space::OutputSpace;
 use crate::suggestion::{plain, words};
 
 /// Options of `gonio export`.
-#[derive(clap::Args)]
+#[derive(Clone, clap::Args)]
 pub(crate) struct ExportOptions {
     /// Result folder of gonio infer, or a BRDF file (.npz, .binary, .bsdf)
     input: PathBuf,
-    /// Renderers and models to export to, separated by commas [default: all]
+    /// Renderers and models to export to, separated by commas [default: all but merl and merl-grey]
     #[arg(long, value_enum, value_delimiter = ',')]
     to: Vec<TargetName>,
     /// Folder to write to [default: export in the result folder]
@@ -88,6 +88,10 @@ pub(crate) fn run(options: &ExportOptions) -> Result<Outcome> {
             options.input.display()
         );
     }
+    let regions = regions_in(&options.input)?;
+    if !regions.is_empty() {
+        return each_region(options, &regions);
+    }
     let is_folder = options.input.is_dir();
     let file = if is_folder { brdf_in(&options.input) } else { Some(options.input.clone()) };
     let Some(file) = file else {
@@ -120,6 +124,7 @@ pub(crate) fn run(options: &ExportOptions) -> Result<Outcome> {
         space: options.space.space(),
         albedo: options.albedo,
         absolute: !is_folder || is_absolute(&options.input)?,
+        roughness: if is_folder { roughness_of_results(&options.input)? } else { None },
         with_tables: options.tables,
         draws,
     };
@@ -143,7 +148,10 @@ pub(crate) fn run(options: &ExportOptions) -> Result<Outcome> {
             (Some(found), Some(low), Some(high)) => format!(", roughness {found:.2} ({low:.2} to {high:.2})"),
             _ => String::new(),
         };
-        format!("{target:15} {:40} relight error {:.1} %{roughness}\n", entry.files.join(", "), 100.0 * entry.relight)
+        let is_coated = ["coat_weight", "clearcoat"].iter().any(|name| entry.parameters[name].as_f64() > Some(0.0));
+        let coat = if is_coated { " under a coat" } else { "" };
+        let files = entry.files.join(", ");
+        format!("{target:15} {files:40} relight error {:.1} %{roughness}{coat}\n", 100.0 * entry.relight)
     };
     let lines: String = summary.exports.iter().map(line).collect();
     let output = output.display().to_string();
@@ -157,6 +165,19 @@ pub(crate) fn run(options: &ExportOptions) -> Result<Outcome> {
     let mut outcome = Outcome::new(format!("{lines}{albedo}{output}"), json!(summary)).warning(warnings);
     outcome.fields.insert("output".into(), json!(output));
     Ok(outcome)
+}
+
+/// Exports the regions of a photograph, each to its own folder.
+fn each_region(options: &ExportOptions, regions: &[(String, PathBuf)]) -> Result<Outcome> {
+    let (mut texts, mut warnings, mut fields) = (Vec::new(), Vec::new(), serde_json::Map::new());
+    for (name, folder) in regions {
+        let output = options.output.as_ref().map(|output| output.join(name));
+        let outcome = run(&ExportOptions { input: folder.clone(), output, ..options.clone() })?;
+        texts.push(format!("region {name}\n{}", outcome.text));
+        warnings.extend(outcome.warnings.into_iter().map(|warning| format!("region {name}: {warning}")));
+        fields.insert(name.clone(), serde_json::Value::Object(outcome.fields));
+    }
+    Ok(Outcome::new(texts.join("\n\n"), json!({ "regions": fields })).warning(warnings))
 }
 
 /// Seed of the draws.
@@ -200,5 +221,5 @@ fn drawn(options: &ExportOptions, is_folder: bool) -> Result<(Vec<[BivariateTabl
 
 /// Returns the targets of the options.
 fn wanted(options: &ExportOptions) -> Vec<Target> {
-    if options.to.is_empty() { Target::ALL.to_vec() } else { options.to.iter().map(|name| name.0).collect() }
+    if options.to.is_empty() { Target::DEFAULT.to_vec() } else { options.to.iter().map(|name| name.0).collect() }
 }

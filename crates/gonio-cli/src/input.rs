@@ -10,7 +10,7 @@ use gonio::lighting::EnvironmentMap;
 use gonio::model::Model;
 use gonio::reflectance::MerlTable;
 use gonio_app::PhotographSource;
-use gonio_app::results::{BRDF, brdf_in};
+use gonio_app::results::{BRDF, brdf_in, regions_in};
 use gonio_io::colour_space::ColourSpace;
 use gonio_io::picture::ReadOptions;
 
@@ -57,13 +57,18 @@ pub(crate) fn shots(files: &[PathBuf]) -> Result<PhotographSource> {
     Ok(PhotographSource::Bytes(STDIN_NAME.to_owned(), bytes))
 }
 
-/// Reads a BRDF.
+/// Reads a BRDF from a file or a folder of results.
 pub(crate) fn brdf(path: &Path) -> Result<MerlTable> {
     if path.is_dir() {
-        if let Some(inside) = brdf_in(path) {
-            bail!("{}: is a folder of results, not a BRDF file; specify {}", path.display(), inside.display());
-        }
-        bail!("{}: is a folder without {BRDF}; specify a BRDF file (.npz, .binary, .bsdf)", path.display());
+        return match (brdf_in(path), regions_in(path)?.first()) {
+            (Some(inside), _) => Ok(gonio_app::read_brdf(&inside)?),
+            (None, Some((_, region))) => {
+                bail!("{}: contains several regions; specify one of them, such as {}", path.display(), region.display())
+            }
+            (None, None) => {
+                bail!("{}: is a folder without {BRDF}; specify a BRDF file (.npz, .binary, .bsdf)", path.display())
+            }
+        };
     }
     Ok(gonio_app::read_brdf(path)?)
 }

@@ -23,7 +23,7 @@ impl ValueEnum for SpaceName {
 }
 
 /// Option for the colour space of the output.
-#[derive(clap::Args)]
+#[derive(Clone, clap::Args)]
 pub(crate) struct OutputSpace {
     /// Linear colour space of the BRDF and light files to write [default: rec709]
     ///

@@ -15,7 +15,7 @@ use crate::{Error, guard, merl, result_brdf, rgl};
 /// angles of MERL ([`rgl::Rgl::to_merl`]).
 ///
 /// # Errors
-/// See [`merl::read`], [`rgl::read`] and [`result_brdf::read`].
+/// See [`merl::read`], [`rgl::read`] and [`result_brdf::read`]; or if the file has another format.
 pub fn read(path: impl AsRef<Path>) -> Result<MerlTable, Error> {
     let path = path.as_ref();
     let (mut file, length) = guard::open(path)?;
@@ -25,6 +25,12 @@ pub fn read(path: impl AsRef<Path>) -> Result<MerlTable, Error> {
         Ok(rgl::read(path)?.to_merl())
     } else if begin.starts_with(result_brdf::MAGIC) || has_extension(path, &["npz"]) {
         Ok(MerlTable::from_bivariate(result_brdf::read(path)?.each_ref()))
+    } else if !begin.starts_with(&merl::DIMENSIONS[0].to_le_bytes())
+        && !begin.starts_with(merl::ANALYTIC)
+        && !has_extension(path, &["binary"])
+    {
+        let advice = "convert it to a MERL table (.binary), an RGL tensor (.bsdf), or, with numpy, an array like that in brdf.npz (docs/options.md#brdfnpz)";
+        Err(Error::unsupported(path, "is not in a format of BRDFs that gonio reads", advice))
     } else {
         merl::decode(path, BufReader::with_capacity(1 << 18, Cursor::new(begin).chain(file)), length)
     }

@@ -15,7 +15,10 @@ use crate::{Error, atomic, guard};
 /// 1/sr per unit of the file, by channel.
 const SCALE: [f64; 3] = [1.0 / 1500.0, 1.15 / 1500.0, 1.66 / 1500.0];
 /// Lengths of the axes in the file.
-const DIMENSIONS: [i32; 3] = [THETA_H as i32, THETA_D as i32, PHI_D as i32];
+pub(crate) const DIMENSIONS: [i32; 3] = [THETA_H as i32, THETA_D as i32, PHI_D as i32];
+
+/// First bytes of an analytic BRDF of the BRDF Explorer.
+pub(crate) const ANALYTIC: &[u8] = b"analytic";
 /// Bytes before the values.
 const HEADER: usize = 12;
 /// Length of every such file in bytes.
@@ -43,7 +46,7 @@ pub fn decode(path: &Path, mut from: impl Read, length: u64) -> Result<MerlTable
     from.read_exact(&mut header).map_err(|e| short(path, length, e))?;
     let axis = |i: usize| i32::from_le_bytes([header[i], header[i + 1], header[i + 2], header[i + 3]]);
     let dimensions = [axis(0), axis(4), axis(8)];
-    if header.starts_with(b"analytic") {
+    if header.starts_with(ANALYTIC) {
         let advice = "convert it to a MERL table with the BRDF Explorer, or use a measured material";
         return Err(Error::unsupported(path, "is an analytic BRDF of Disney's BRDF Explorer, not a table", advice));
     }

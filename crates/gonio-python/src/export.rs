@@ -25,7 +25,7 @@ pub(crate) fn export_targets() -> Vec<(&'static str, &'static str)> {
 /// Writes the files for renderers to a folder; returns the contents of its `export.json`.
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "called from one place, which names them")]
-#[pyo3(signature = (folder, table, full, light, to, name, albedo, absolute, tables, draws, colorspace, input, listeners))]
+#[pyo3(signature = (folder, table, full, light, to, name, albedo, absolute, roughness, tables, draws, colorspace, input, listeners))]
 pub(crate) fn export(
     py: Python<'_>,
     folder: PathBuf,
@@ -36,6 +36,7 @@ pub(crate) fn export(
     name: String,
     albedo: Option<f64>,
     absolute: bool,
+    roughness: Option<[f64; 2]>,
     tables: bool,
     draws: Vec<Bound<'_, PyArray3<f32>>>,
     colorspace: String,
@@ -49,7 +50,7 @@ pub(crate) fn export(
         };
         to.iter().map(target).collect()
     };
-    let targets = to.map_or_else(|| Ok(Target::ALL.to_vec()), wanted).map_err(|problem| raise(&problem, py))?;
+    let targets = to.map_or_else(|| Ok(Target::DEFAULT.to_vec()), wanted).map_err(|problem| raise(&problem, py))?;
     if let Some(albedo) = albedo.filter(|a| !(*a > 0.0 && *a <= 1.0)) {
         return Err(raise(&AppError::new(format!("albedo {albedo}: must be above 0 and at most 1")), py));
     }
@@ -60,8 +61,18 @@ pub(crate) fn export(
     let space = ColourSpace::named(&colorspace).unwrap_or_default();
     let tables_of = arrays::tables(table)?;
     let draws = draws.iter().map(arrays::tables).collect::<PyResult<Vec<_>>>()?;
-    let export =
-        Export { name, tables: tables_of, full_table, light, space, albedo, absolute, with_tables: tables, draws };
+    let export = Export {
+        name,
+        tables: tables_of,
+        full_table,
+        light,
+        space,
+        albedo,
+        absolute,
+        roughness,
+        with_tables: tables,
+        draws,
+    };
     work::run(py, listeners, move |reporter| {
         let folder = for_exports(&folder)?;
         let written = export.write(&folder, &targets, &input, &|x| reporter.at("fitting models", x))?;

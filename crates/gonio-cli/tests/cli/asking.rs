@@ -136,10 +136,6 @@ fn errors_contain_a_hint() {
         ("none.exr --json=x", "gonio infer none.exr"),
         ("infr", "'infer'"),
         ("infer a.exr b.exr -o x", "gonio batch IMAGE... -o DIR"),
-        (
-            "render --brdf out --light light.hdr -o x.png",
-            "out: is a folder of results, not a BRDF file; specify out/brdf.binary",
-        ),
         ("render --brdf empty --light light.hdr -o x.png", "empty: is a folder without brdf.npz"),
         ("export none", "none: file or folder not found; specify a result folder of gonio infer"),
     ] {

@@ -2,6 +2,7 @@
 
 use gonio::lighting::studio_light;
 use gonio::reflectance::{BivariateTable, MerlTable};
+use gonio_app::export::Target;
 
 use crate::support::{Bench, material, merl};
 
@@ -15,10 +16,14 @@ fn bench() -> Bench {
 #[test]
 fn writes_all_targets_with_their_errors() {
     let bench = bench();
-    bench.run("export in.binary -o out --name ball").succeeds();
+    bench.run("export in.binary -o few").succeeds();
+    let few = bench.json("few/export.json")["exports"].as_object().unwrap().len();
+    assert_eq!(few, Target::DEFAULT.len());
+    let all = Target::ALL.map(|target| target.names().0).join(",");
+    bench.run(&format!("export in.binary -o out --name ball --to {all}")).succeeds();
     let exports = &bench.json("out/export.json")["exports"];
     let count = exports.as_object().unwrap().len();
-    assert_eq!(count, 9);
+    assert_eq!(count, Target::ALL.len());
     for (target, entry) in exports.as_object().unwrap() {
         for file in entry["files"].as_array().unwrap() {
             assert!(!bench.read(&format!("out/{}", file.as_str().unwrap())).is_empty(), "{target}");
@@ -62,6 +67,14 @@ fn conversion_and_back_preserves_the_brdf() {
     bench.run("convert in.binary a.bsdf").succeeds();
     bench.run("convert a.bsdf b.binary").succeeds();
     bench.run("convert in.binary c_spec.bsdf --grey").succeeds();
+    // Arrays of numpy have the same values.
+    bench.run("convert in.binary d.npz").succeeds();
+    let [table, arrays] = ["in.binary", "d.npz"].map(|f| gonio_io::brdf::read(bench.path(f)).unwrap());
+    for (a, b) in table.bivariate(1).as_slice().iter().zip(arrays.bivariate(1).as_slice()) {
+        assert!((a - b).abs() < 1e-3 * a, "{a} {b}");
+    }
+    bench.write("table.csv", b"theta_h,theta_d,r,g,b\n");
+    bench.refuses("convert table.csv e.binary", &["table.csv: is not in a format of BRDFs", "brdf.npz"]);
     let [a, b] = ["in.binary", "b.binary"].map(|f| gonio_io::brdf::read(bench.path(f)).unwrap());
     for c in 0..3 {
         let (a, b) = (a.bivariate(c), b.bivariate(c));
@@ -91,7 +104,7 @@ fn rejects_invalid_input() {
         ("export in.binary -o x --to pdf", "--to"),
         ("export in.binary -o x --albedo 2", "--albedo"),
         ("export short.bsdf -o x", "short.bsdf: is truncated"),
-        ("convert in.binary x.txt", "x.txt: the output must be a .binary or .bsdf file"),
+        ("convert in.binary x.txt", "x.txt: the output must be a .binary, .bsdf or .npz file"),
         ("convert short.bsdf x.binary", "short.bsdf: is truncated"),
     ] {
         bench.refuses(arguments, &[message]);

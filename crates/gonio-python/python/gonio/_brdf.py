@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from . import _gonio
 from ._arguments import Array, Camera, Path, Picture, Progress, Shape
 from ._arrays import array_of, floats
-from ._validation import choice, flag, listener, positive, shown, space, space_if_given, text
+from ._validation import choice, flag, listener, numbers, positive, shown, space, space_if_given, text
 from ._convert import data_array, mitsuba_bsdf
 from ._errors import GonioError, GonioWarning
 from ._files import light_map
@@ -218,6 +218,7 @@ class Brdf:
         albedo: float | Literal["fit"] | None = None,
         tables: bool = False,
         draws: ArrayLike | None = None,
+        roughness: Sequence[float] | None = None,
         light: Picture | None = None,
         output_colorspace: str = "rec709",
         progress: Progress | None = None,
@@ -229,7 +230,7 @@ class Brdf:
         directory : str or os.PathLike
             The folder.
         to : str or sequence of str, optional
-            Names from :data:`EXPORTS`; all by default.
+            Names from :data:`EXPORTS`; all but the large tables ``merl`` and ``merl-grey`` by default.
         name : str, optional
             Name of the material.
         albedo : float or "fit", optional
@@ -242,6 +243,10 @@ class Brdf:
             Draws from the posterior of the BRDF, shape (n, 90, 90, 3), such as
             ``found.draw(16, rgb=True, errors=True)``. With draws, the summary contains the 90 %
             interval of each fitted parameter.
+        roughness : sequence of two float, optional
+            Ends of the interval of the roughness of the highlight. The models of renderers then
+            have a roughness within the interval and no coat, unless the error would increase
+            clearly.
         light : path or array, optional
             Light of the exported scenes, a lat-long map; a studio light by default.
         output_colorspace : str, default "rec709"
@@ -274,6 +279,7 @@ class Brdf:
         scale = None if albedo is None or albedo == "fit" else positive(albedo, "albedo")
         lit = None if light is None else light_map(light)
         written = space(output_colorspace, "output_colorspace")
+        ends = None if roughness is None else numbers(roughness, "roughness", "two numbers", 2)
         given = [] if draws is None else [Brdf(table).table for table in np.asarray(draws)]
         document = _gonio.export(
             os.fspath(directory),
@@ -284,6 +290,7 @@ class Brdf:
             called,
             scale,
             albedo != "fit",
+            ends,
             flag(tables, "tables"),
             given,
             written,

@@ -117,6 +117,7 @@ def export(
     name: str,
     albedo: float | None,
     absolute: bool,
+    roughness: list[float] | None,
     tables: bool,
     draws: list[_Floats],
     colorspace: str,

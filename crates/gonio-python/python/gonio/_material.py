@@ -161,6 +161,7 @@ class Result:
             albedo=albedo,
             tables=tables,
             draws=self._drawn(integer(draws, "draws")),
+            roughness=self._roughness(),
             light=self._lit(),
             output_colorspace=output_colorspace,
             progress=progress,
@@ -168,6 +169,10 @@ class Result:
 
     def _drawn(self, count: int) -> Floats | None:
         """Returns draws in colour, if there is a posterior."""
+        return None
+
+    def _roughness(self) -> Sequence[float] | None:
+        """Returns the 90 % interval of the roughness, if there is a posterior."""
         return None
 
     def to_mitsuba(self, plugin: str = "measured") -> Any:
@@ -312,6 +317,10 @@ class Material(Result):
 
     def _drawn(self, count: int) -> Floats | None:
         return self.draw(count, rgb=True, errors=True) if count > 0 else None
+
+    def _roughness(self) -> Sequence[float]:
+        low, _, high = self.roughness.tolist()
+        return low, high
 
     def relight(
         self,

@@ -25,9 +25,13 @@ impl Fits {
     /// Fits the models to linear RGB tables in 1/sr. This takes about two seconds on one core.
     ///
     /// Unless the scale of the tables is known (`absolute`), they are first scaled by
-    /// [`Fitter::plausible_scale`].
-    pub fn of(tables: &[BivariateTable; 3], absolute: bool) -> Self {
+    /// [`Fitter::plausible_scale`]. `roughness` is the roughness of the highlight, if it is known:
+    /// the 5 % quantile, the median and the 95 % quantile.
+    pub fn of(tables: &[BivariateTable; 3], roughness: Option<[f64; 3]>, absolute: bool) -> Self {
         let mut fitter = Fitter::new(tables);
+        if let Some([low, _, high]) = roughness {
+            fitter = fitter.with_roughness([low, high]);
+        }
         let albedo = (!absolute).then(|| {
             let factor = fitter.plausible_scale();
             fitter = fitter.scaled(factor);

@@ -182,7 +182,7 @@ pub fn estimate(
 
 /// Estimates like [`estimate`], and calls `beside` in parallel with the estimation of the light.
 ///
-/// `beside` receives the reflectance, in luminance, and the colours. The estimation of the light
+/// `beside` receives the material, in luminance, and its colours. The estimation of the light
 /// leaves a core idle half of the time.
 ///
 /// # Errors
@@ -192,7 +192,7 @@ pub fn estimate_with_task<T: Send>(
     observations: &Observations,
     settings: &EstimateSettings,
     progress: &(dyn Fn(EstimateStage) + Sync),
-    beside: impl FnOnce(&BivariateTable, &Colouring) -> T + Send,
+    beside: impl FnOnce(&Material, &Colouring) -> T + Send,
 ) -> Result<(Estimate, T), EstimateError> {
     settings.check(model)?;
     progress(EstimateStage::Material);
@@ -204,8 +204,9 @@ pub fn estimate_with_task<T: Send>(
         || {
             let colouring = impression.colouring(model, observations, &settings.colouring);
             let rows = Rows::of(&model.light, observations, &table, &colouring, settings.side);
-            let made = beside(&table, &colouring);
-            (impression.describe(), colouring, made, rows)
+            let material = impression.describe();
+            let made = beside(&material, &colouring);
+            (material, colouring, made, rows)
         },
     );
     let light = light?;

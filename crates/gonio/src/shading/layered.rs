@@ -41,6 +41,8 @@ impl Shading for Layered {
 
     const OPTIONAL: &'static [&'static [(usize, f64)]] = MetallicRoughness::OPTIONAL;
 
+    const ROUGHNESS_AND_COAT: Option<(usize, usize)> = MetallicRoughness::ROUGHNESS_AND_COAT;
+
     fn of(parameters: &[f64]) -> Self {
         let MetallicRoughness { base_color, metallic, roughness, ior, specular_color, clearcoat, clearcoat_roughness } =
             MetallicRoughness::of(parameters);

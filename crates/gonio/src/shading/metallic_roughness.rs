@@ -59,6 +59,8 @@ impl Shading for MetallicRoughness {
     const OPTIONAL: &'static [&'static [(usize, f64)]] =
         &[&[(COAT, 0.0), (COAT + 1, 0.02)], &[(SPECULAR, 1.0), (SPECULAR + 1, 1.0), (SPECULAR + 2, 1.0)]];
 
+    const ROUGHNESS_AND_COAT: Option<(usize, usize)> = Some((4, 0));
+
     fn of(p: &[f64]) -> Self {
         Self {
             base_color: DVec3::new(p[0], p[1], p[2]),

@@ -40,6 +40,10 @@ pub trait Shading: Sync + Send + Sized {
     /// parameters, with the values that disable the group.
     const OPTIONAL: &'static [&'static [(usize, f64)]] = &[];
 
+    /// Index of the roughness of the base, the square root of GGX's `alpha`, and the group in
+    /// [`OPTIONAL`](Shading::OPTIONAL) that disables the coat.
+    const ROUGHNESS_AND_COAT: Option<(usize, usize)> = None;
+
     /// Builds the model from these parameters, each within its range.
     fn of(parameters: &[f64]) -> Self;
 

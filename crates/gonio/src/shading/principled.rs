@@ -45,6 +45,8 @@ impl Shading for Principled {
 
     const OPTIONAL: &'static [&'static [(usize, f64)]] = &[&[(6, 0.0)], &[(7, 0.0), (8, 0.0)]];
 
+    const ROUGHNESS_AND_COAT: Option<(usize, usize)> = Some((4, 1));
+
     fn of(p: &[f64]) -> Self {
         Self {
             base_color: DVec3::new(p[0], p[1], p[2]),

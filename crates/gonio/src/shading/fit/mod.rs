@@ -9,7 +9,7 @@ use glam::{DQuat, DVec3};
 use levenberg_marquardt::LevenbergMarquardt;
 use rayon::prelude::*;
 
-use super::{Layered, Shading};
+use super::{Layered, Parameter, Shading};
 use crate::appearance::Lattice;
 use crate::lighting::studio_light;
 use crate::reflectance::parametric::directions;
@@ -38,6 +38,17 @@ const REFINED: usize = 3;
 /// out.
 const HARDLY: (f64, f64) = (1.05, 0.01);
 
+/// Criterion below which a model without coat, and with the roughness of the highlight, is taken
+/// without a search for others.
+const GOOD: f64 = 0.08;
+
+/// Increase of the criterion that is accepted for such a model, about the error of the BRDF of a
+/// photograph in known light.
+const ACCEPTED: f64 = 0.04;
+
+/// Smallest width of the range of the roughness.
+const MIN_RANGE: f64 = 0.02;
+
 /// Factors by which a table of unknown scale may be scaled, from an albedo of 0.5 downwards.
 const FACTORS: [f64; 7] = [1.0, 0.6, 0.36, 0.22, 0.13, 0.08, 0.05];
 
@@ -64,6 +75,8 @@ pub struct Fitted<S> {
     pub log_relight: f64,
     /// Parameters of the model, in the order of [`Shading::PARAMETERS`].
     parameters: Vec<f64>,
+    /// Ranges of the parameters in the fit.
+    ranges: Vec<Parameter>,
 }
 
 /// Table to fit, and the sphere by which fits are compared.
@@ -75,6 +88,8 @@ pub struct Fitter {
     floor: f64,
     body: DVec3,
     highlight: DVec3,
+    /// Interval of the roughness of the highlight, if it is known.
+    roughness: Option<[f64; 2]>,
     /// Picture of the table, exactly and by the sketch.
     picture: Vec<DVec3>,
     sketched: Vec<DVec3>,
@@ -125,7 +140,15 @@ impl Fitter {
         let mean = picture.iter().map(|p| p.element_sum()).sum::<f64>() / (3 * picture.len()) as f64;
         let compressed = sketched.iter().map(|colour| compressed(*colour, mean)).collect();
         let samples = Arc::new(samples);
-        Self { samples, relighters, sketch, floor, body, highlight, picture, sketched, mean, compressed }
+        let roughness = None;
+        Self { samples, relighters, sketch, floor, body, highlight, roughness, picture, sketched, mean, compressed }
+    }
+
+    /// Prefers models without coat whose roughness is in this interval
+    /// ([`Highlight::roughness`](crate::estimate::Highlight::roughness)).
+    #[must_use]
+    pub fn with_roughness(self, interval: [f64; 2]) -> Self {
+        Self { roughness: Some(interval), ..self }
     }
 
     /// Returns a fitter of other tables with the same sphere. The tables are draws from a posterior
@@ -162,7 +185,8 @@ impl Fitter {
         let all: Vec<usize> = (0..Layered::PARAMETERS.len()).collect();
         let error = |&by: &f64| {
             let fitter = self.scaled(by);
-            fitter.search::<Layered>(Layered::starts(fitter.body, fitter.highlight), &all, SIMPLER, 1).0
+            let starts = Layered::starts(fitter.body, fitter.highlight);
+            fitter.search::<Layered>(Layered::PARAMETERS, starts, &all, SIMPLER, 1).0
         };
         let errors: Vec<f64> = FACTORS.par_iter().map(error).collect();
         let least = errors.iter().copied().fold(f64::INFINITY, f64::min);
@@ -172,53 +196,87 @@ impl Fitter {
 
     /// Fits a model from the most promising starts, without the [`Shading::OPTIONAL`] parameters
     /// that hardly improve the fit.
+    ///
+    /// A sum of two lobes can imitate a highlight whose roughness neither of them has. If the
+    /// roughness of the highlight is known ([`with_roughness`](Fitter::with_roughness)), the model
+    /// has it and no coat, unless that increases the error clearly.
     pub fn fit<S: Shading>(&self) -> Fitted<S> {
-        let starts = S::starts(self.body, self.highlight);
-        let mut free: Vec<usize> = (0..S::PARAMETERS.len()).collect();
-        let (mut least, mut parameters) = self.search::<S>(starts.clone(), &free, PROMISING, REFINED);
-        let (mut disabled, mut found): (Vec<(usize, f64)>, _) = (Vec::new(), vec![parameters.clone()]);
-        for group in S::OPTIONAL {
+        let error = |fitted: &Fitted<S>| criterion((fitted.relight, fitted.log_relight));
+        let preferred = self.roughness.zip(S::ROUGHNESS_AND_COAT).map(|([low, high], (roughness, coat))| {
+            let mut ranges = S::PARAMETERS.to_vec();
+            let Parameter { low: least, high: most } = ranges[roughness];
+            let low = low.clamp(least, most - MIN_RANGE);
+            ranges[roughness] = Parameter { low, high: high.clamp(low + MIN_RANGE, most) };
+            let groups: Vec<_> = (0..S::OPTIONAL.len()).filter(|group| *group != coat).collect();
+            self.fit_within(&ranges, S::OPTIONAL[coat].to_vec(), &groups)
+        });
+        let preferred = match preferred {
+            Some(fitted) if error(&fitted) <= GOOD => return fitted,
+            preferred => preferred,
+        };
+        let free = self.fit_within(S::PARAMETERS, Vec::new(), &Vec::from_iter(0..S::OPTIONAL.len()));
+        let limit = HARDLY.0 * error(&free) + ACCEPTED;
+        preferred.filter(|fitted| error(fitted) <= limit).unwrap_or(free)
+    }
+
+    /// Fits a model whose parameters are within `ranges`, except for the `disabled` ones. Leaves
+    /// out the optional `groups` that hardly improve the fit.
+    fn fit_within<S: Shading>(
+        &self,
+        ranges: &[Parameter],
+        mut disabled: Vec<(usize, f64)>,
+        groups: &[usize],
+    ) -> Fitted<S> {
+        let without = |mut start: Vec<f64>, disabled: &[(usize, f64)]| {
+            disabled.iter().for_each(|(k, value)| start[*k] = *value);
+            start
+        };
+        let all = S::starts(self.body, self.highlight);
+        let mut free: Vec<usize> = (0..ranges.len()).filter(|k| disabled.iter().all(|(other, _)| other != k)).collect();
+        let starts = all.iter().cloned().map(|start| without(start, &disabled)).collect();
+        let (mut least, mut parameters) = self.search::<S>(ranges, starts, &free, PROMISING, REFINED);
+        let mut found = vec![parameters.clone()];
+        for group in groups.iter().map(|group| S::OPTIONAL[*group]) {
             let fewer: Vec<usize> = free.iter().copied().filter(|k| group.iter().all(|(g, _)| g != k)).collect();
-            let without = |mut start: Vec<f64>| {
-                disabled.iter().chain(*group).for_each(|(k, value)| start[*k] = *value);
-                start
-            };
-            let starts = starts.iter().cloned().chain([parameters.clone()]).map(without).collect();
-            let (error, simpler) = self.search::<S>(starts, &fewer, SIMPLER, REFINED);
+            let disabled_too = [&disabled, group].concat();
+            let starts = all.iter().cloned().chain([parameters.clone()]);
+            let starts = starts.map(|start| without(start, &disabled_too)).collect();
+            let (error, simpler) = self.search::<S>(ranges, starts, &fewer, SIMPLER, REFINED);
             found.push(simpler.clone());
             if error <= HARDLY.0 * least + HARDLY.1 {
-                (least, parameters, free) = (error, simpler, fewer);
-                disabled.extend(*group);
+                (least, parameters, free, disabled) = (error, simpler, fewer, disabled_too);
             }
         }
         // The sketch does not resolve very sharp lobes, so the exact errors decide. Later fits have
         // fewer parameters.
-        let mut judged: Vec<Fitted<S>> = found.into_par_iter().map(|parameters| self.judge(parameters)).collect();
+        let mut judged: Vec<Fitted<S>> =
+            found.into_par_iter().map(|parameters| self.judge(parameters, ranges)).collect();
         let error = |fitted: &Fitted<S>| criterion((fitted.relight, fitted.log_relight));
         let least = judged.iter().map(error).fold(f64::INFINITY, f64::min);
         let simplest = judged.iter().rposition(|fitted| error(fitted) <= HARDLY.0 * least + HARDLY.1);
         judged.swap_remove(simplest.unwrap_or(0))
     }
 
-    /// Fits a model from the parameters of another fit. Optional parameters that the other fit left
-    /// out remain left out.
+    /// Fits a model from the parameters of another fit, within the same ranges. Optional parameters
+    /// that the other fit left out remain left out.
     pub fn refit<S: Shading>(&self, near: &Fitted<S>) -> S {
         let start = &near.parameters;
         let is_out = |group: &&&[(usize, f64)]| group.iter().all(|(k, value)| start[*k] == *value);
         let out: Vec<usize> =
             S::OPTIONAL.iter().filter(is_out).flat_map(|group| group.iter().map(|(k, _)| *k)).collect();
         let free: Vec<usize> = (0..S::PARAMETERS.len()).filter(|k| !out.contains(k)).collect();
-        S::of(&self.search::<S>(vec![start.clone()], &free, 1, 1).1)
+        S::of(&self.search::<S>(&near.ranges, vec![start.clone()], &free, 1, 1).1)
     }
 
-    /// Fits the `free` parameters of a model from the `promising` most promising starts. Returns
-    /// the least [`criterion`] and its parameters.
+    /// Fits the `free` parameters of a model, within their `ranges`, from the `promising` most
+    /// promising starts. Returns the least [`criterion`] and its parameters.
     ///
     /// A first search fits samples of the table; a second one refines its `refined` best results on
     /// the picture of a sphere, in which a peak has its visual weight. The result is the best model
     /// of both searches.
     fn search<S: Shading>(
         &self,
+        ranges: &[Parameter],
         starts: Vec<Vec<f64>>,
         free: &[usize],
         promising: usize,
@@ -231,7 +289,7 @@ impl Fitter {
             found
         };
         let search = |start: &[f64], goal: Goal, patience: usize| {
-            let problem = Search::<S>::new(self, start, free, goal);
+            let problem = Search::<S>::new(self, ranges, start, free, goal);
             let (found, _) =
                 LevenbergMarquardt::new().with_patience(patience).with_ftol(1e-3).with_xtol(1e-3).minimize(problem);
             found.parameters()
@@ -243,7 +301,7 @@ impl Fitter {
         let (mut least, mut parameters) =
             best([first, refined].concat(), 1).pop().expect("every model has starting parameters");
         // The logistic function never reaches the ends of its range, so they are tried separately.
-        for (k, range) in free.iter().map(|&k| (k, &S::PARAMETERS[k])) {
+        for (k, range) in free.iter().map(|&k| (k, ranges[k])) {
             for end in [range.low, range.high] {
                 if (parameters[k] - end).abs() < NEAR_END * (range.high - range.low) {
                     let inner = std::mem::replace(&mut parameters[k], end);
@@ -260,10 +318,10 @@ impl Fitter {
     }
 
     /// Computes the errors of the model with these parameters.
-    fn judge<S: Shading>(&self, parameters: Vec<f64>) -> Fitted<S> {
+    fn judge<S: Shading>(&self, parameters: Vec<f64>, ranges: &[Parameter]) -> Fitted<S> {
         let model = S::of(&parameters);
         let (relight, log_relight) = self.compare(&model.to_bivariate(FINE_AZIMUTHS));
-        Fitted { model, relight, log_relight, parameters }
+        Fitted { model, relight, log_relight, parameters, ranges: ranges.to_vec() }
     }
 
     /// Returns the errors [`Fitted::relight`] and [`Fitted::log_relight`] of other tables.
@@ -382,13 +440,26 @@ mod tests {
     }
 
     #[test]
+    fn prefers_the_known_roughness_without_coat() {
+        // Two lobes of similar width: a coat imitates the difference.
+        let tables = Layered::of(&[0.3, 0.2, 0.1, 0.0, 0.35, 1.5, 1.0, 1.0, 1.0, 0.3, 0.8]).to_bivariate(FINE_AZIMUTHS);
+        let fitter = Fitter::new(&tables).with_roughness([0.28, 0.33]);
+        let near = fitter.fit::<Layered>();
+        assert!((0.28..=0.33).contains(&near.model.roughness) && near.model.coat_weight == 0.0, "{near:?}");
+        // A sharp coat over a wide lobe is no single lobe.
+        let tables = Layered::of(&[0.6, 0.4, 0.2, 1.0, 0.6, 1.5, 1.0, 1.0, 1.0, 0.9, 0.25]).to_bivariate(FINE_AZIMUTHS);
+        let coated = Fitter::new(&tables).with_roughness([0.14, 0.16]).fit::<Layered>();
+        assert!(coated.model.coat_weight > 0.5 && coated.log_relight < 0.03, "{coated:?}");
+    }
+
+    #[test]
     fn jacobian_matches_finite_differences() {
         let tables = MetallicRoughness::of(&[0.5, 0.2, 0.1, 0.3, 0.35, 1.4, 1.0, 0.9, 0.8, 0.5, 0.4])
             .to_bivariate(FINE_AZIMUTHS);
         let fitter = Fitter::new(&tables);
         let (start, free) = ([0.4, 0.3, 0.2, 0.2, 0.5, 1.5, 0.9, 1.0, 0.8, 0.4, 0.3], [0, 1, 3, 4, 5, 7, 9, 10]);
         for goal in [Goal::Samples, Goal::Picture] {
-            let search = Search::<MetallicRoughness>::new(&fitter, &start, &free, goal);
+            let search = Search::<MetallicRoughness>::new(&fitter, MetallicRoughness::PARAMETERS, &start, &free, goal);
             assert_eq!(search.parameters()[8], 0.8);
             let slopes = search.jacobian().unwrap();
             for k in 0..free.len() {

@@ -5,7 +5,7 @@ use levenberg_marquardt::LeastSquaresProblem;
 use nalgebra::{DMatrix, DVector, Dyn, Owned};
 
 use super::{Fitter, LOG_FLOOR, logs};
-use crate::shading::Shading;
+use crate::shading::{Parameter, Shading};
 
 /// Step of the finite differences, in the argument of the logistic function.
 const DIFFERENCE_STEP: f64 = 1e-4;
@@ -22,6 +22,7 @@ pub(super) enum Goal {
 /// Parameters during a search. The free ones are limited to their ranges by a logistic function.
 pub(super) struct Search<'a, S> {
     fitter: &'a Fitter,
+    ranges: &'a [Parameter],
     goal: Goal,
     /// All parameters at the start.
     start: Vec<f64>,
@@ -33,14 +34,20 @@ pub(super) struct Search<'a, S> {
 }
 
 impl<'a, S: Shading> Search<'a, S> {
-    pub(super) fn new(fitter: &'a Fitter, start: &[f64], free: &'a [usize], goal: Goal) -> Self {
+    pub(super) fn new(
+        fitter: &'a Fitter,
+        ranges: &'a [Parameter],
+        start: &[f64],
+        free: &'a [usize],
+        goal: Goal,
+    ) -> Self {
         let inverse = |&k: &usize| {
-            let range = &S::PARAMETERS[k];
+            let range = &ranges[k];
             let share = ((start[k] - range.low) / (range.high - range.low)).clamp(0.005, 0.995);
             (share / (1.0 - share)).ln()
         };
         let at = DVector::from_iterator(free.len(), free.iter().map(inverse));
-        Self { fitter, goal, start: start.to_vec(), free, at, model: std::marker::PhantomData }
+        Self { fitter, ranges, goal, start: start.to_vec(), free, at, model: std::marker::PhantomData }
     }
 
     pub(super) fn parameters(&self) -> Vec<f64> {
@@ -50,7 +57,7 @@ impl<'a, S: Shading> Search<'a, S> {
     fn within(&self, at: &DVector<f64>) -> Vec<f64> {
         let mut parameters = self.start.clone();
         for (&k, x) in self.free.iter().zip(at.iter()) {
-            let range = &S::PARAMETERS[k];
+            let range = &self.ranges[k];
             parameters[k] = range.low + (range.high - range.low) / (1.0 + (-x).exp());
         }
         parameters

@@ -198,8 +198,6 @@ enum AlignmentName {
 enum SolverName {
     /// Exact minimisation of the paper's cost C_KL by blocks: faster, and reaches a lower cost
     Blocks,
-    /// Parallel updates with line searches; converges slowly
-    Parallel,
     /// Algorithm 1 of the paper as printed
     Printed,
 }
@@ -224,7 +222,6 @@ impl InferOptions {
     fn method(&self) -> Result<Method> {
         let solver = match self.solver {
             None | Some(SolverName::Blocks) => Solver::Blocks,
-            Some(SolverName::Parallel) => Solver::Parallel,
             Some(SolverName::Printed) => Solver::Printed,
         };
         let usual = PaperSettings::default();

@@ -106,27 +106,8 @@ pub(super) fn component_switch(
     (next, now)
 }
 
-/// Minimises over all light coefficients with mixture priors simultaneously.
-///
-/// Each minimisation uses the old values of the others. The function changes nothing if the result
-/// does not lower the cost.
-pub(super) fn switch_components_jointly(
-    problem: &Problem<'_>,
-    ensemble: &VariationalParameters,
-    now: Expectations,
-) -> (VariationalParameters, Expectations) {
-    let mut next = ensemble.clone();
-    for (m, alone) in coordinate_objectives(problem, &now) {
-        let (best, cost) = alone.best();
-        if alone.cost(&now.moments.l[m]) - cost > GAIN {
-            next.set_l(m, best.mean / best.variance, 1.0 / best.variance);
-        }
-    }
-    let after = now.clone().after(problem, &next);
-    if after.cost(problem) < now.cost(problem) { (next, after) } else { (ensemble.clone(), now) }
-}
-
 /// Returns the one-coefficient problems of all light coefficients with mixture priors.
+#[cfg(test)]
 pub(super) fn coordinate_objectives<'a>(
     problem: &'a Problem<'_>,
     now: &'a Expectations,

@@ -82,25 +82,6 @@ impl VariationalParameters {
         Self { phi, ..*self }
     }
 
-    /// Interpolates the natural parameters `(u/w, 1/w)` towards another ensemble.
-    ///
-    /// `alpha` is in 0..=1; the noise stays that of `self`.
-    pub(crate) fn towards(&self, alpha: f64, other: &Self) -> Self {
-        let mut next = self.clone();
-        let noise = self.noise_index();
-        let is_log = |at: usize| {
-            (self.k..2 * self.k).contains(&at) || (2 * self.k + self.light..noise).contains(&at) || at == noise + 2
-        };
-        for (at, (x, y)) in self.phi.iter().zip(&other.phi).enumerate() {
-            next.phi[at] = match at {
-                at if at == noise => *x,
-                at if is_log(at) => x + ((1.0 - alpha) + alpha * (y - x).exp()).ln(),
-                _ => x + alpha * (y - x),
-            };
-        }
-        next
-    }
-
     /// `self - other`, as a direction.
     pub(crate) fn minus(&self, other: &Self) -> Vec<f64> {
         self.phi.iter().zip(&other.phi).map(|(a, b)| a - b).collect()

@@ -11,7 +11,7 @@ use super::expectations::Sums;
 use super::grams::Grams;
 use super::light_system::LightSystem;
 use super::newton::Local;
-use super::parallel::search;
+use super::printed::search;
 use super::{Posterior, Problem, StartReport, VariationalParameters};
 
 /// Settings of the joint maximum.

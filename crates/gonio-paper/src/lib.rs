@@ -30,9 +30,9 @@ mod newton;
 pub mod nmf;
 #[cfg(test)]
 mod nuts;
-mod parallel;
 mod plan;
 mod posterior;
+mod printed;
 mod problem;
 #[cfg(test)]
 mod sized;

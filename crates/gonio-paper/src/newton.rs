@@ -12,7 +12,7 @@ use super::Problem;
 use super::coordinate::{Point, ReflectanceSystem};
 use super::ensemble::AllMoments;
 use super::light_system::LightSystem;
-use super::parallel::search;
+use super::printed::search;
 
 /// Smallest curvature that a step uses, relative to that of a single coordinate.
 const MIN_CURVATURE: f64 = 1e-8;

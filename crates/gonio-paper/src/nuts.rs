@@ -252,7 +252,7 @@ fn gradient_matches_finite_differences_of_the_density() {
     }
 }
 
-/// Compares the exact posterior with both solvers on one problem.
+/// Compares the exact posterior with the solver on one problem.
 ///
 /// The DC of the light is fixed, but the image determines the pair `(f, g)` only up to a common
 /// scale. The priors leave a ridge `g f = const`, along which the exact posterior spreads over a
@@ -277,26 +277,23 @@ fn compare(rows: usize, noise: f64) {
         // they measure.
         assert!(e.error < 0.05 * e.sd, "{e:?}");
     }
-    for solver in [Solver::Blocks, Solver::Parallel] {
-        let settings =
-            VariationalSettings { solver, starts: 3, tolerance: 1e-7, max_iterations: 6000, ..Default::default() };
-        let got = infer(&problem, &Method::Variational(settings), &|_| ());
-        assert!(agrees(&got.reflectance), "{solver:?} {:?} {directions:?}", got.reflectance);
-        let exposure = got.exposure * problem.scale;
-        for (k, f) in got.reflectance.iter().enumerate() {
-            let e = draws.estimate(|p| p.g * p.f[k]);
-            assert!(fits(e, exposure * f), "{solver:?} g f_{k}: {} {e:?}", exposure * f);
-        }
-        for (m, (l, sd)) in got.light.iter().zip(&got.light_sd).enumerate().skip(1) {
-            let e = draws.estimate(|p| p.l[m]);
-            assert!(fits(e, *l), "{solver:?} l_{m}: {l} {e:?}");
-            assert!((0.75..1.05).contains(&(sd / e.sd)), "{solver:?} l_{m}: {sd} {e:?}");
-        }
-        let e = draws.estimate(|p| p.precision);
-        assert!(fits(e, (got.noise * problem.scale).powi(-2)), "{solver:?} noise {} {e:?}", got.noise * problem.scale);
-        // The exact posterior spreads along the ridge; q covers little of it.
-        assert!(draws.estimate(|p| p.g.ln()).sd > 0.4 && got.exposure_sd < 0.05 * got.exposure);
+    let settings = VariationalSettings { starts: 3, tolerance: 1e-7, max_iterations: 6000, ..Default::default() };
+    let got = infer(&problem, &Method::Variational(settings), &|_| ());
+    assert!(agrees(&got.reflectance), "{:?} {directions:?}", got.reflectance);
+    let exposure = got.exposure * problem.scale;
+    for (k, f) in got.reflectance.iter().enumerate() {
+        let e = draws.estimate(|p| p.g * p.f[k]);
+        assert!(fits(e, exposure * f), "g f_{k}: {} {e:?}", exposure * f);
     }
+    for (m, (l, sd)) in got.light.iter().zip(&got.light_sd).enumerate().skip(1) {
+        let e = draws.estimate(|p| p.l[m]);
+        assert!(fits(e, *l), "l_{m}: {l} {e:?}");
+        assert!((0.75..1.05).contains(&(sd / e.sd)), "l_{m}: {sd} {e:?}");
+    }
+    let e = draws.estimate(|p| p.precision);
+    assert!(fits(e, (got.noise * problem.scale).powi(-2)), "noise {} {e:?}", got.noise * problem.scale);
+    // The exact posterior spreads along the ridge; q covers little of it.
+    assert!(draws.estimate(|p| p.g.ln()).sd > 0.4 && got.exposure_sd < 0.05 * got.exposure);
     // The comparison rejects other solutions: the same numbers in another order, the prior mean,
     // and even the truth, since the noise of this image shifts the posterior.
     assert!(!agrees(&[planted.f[1], planted.f[2], planted.f[0]]));
@@ -305,11 +302,11 @@ fn compare(rows: usize, noise: f64) {
 }
 
 #[test]
-fn both_solvers_find_the_mean_of_the_exact_posterior() {
+fn the_solver_finds_the_mean_of_the_exact_posterior() {
     compare(200, 0.05);
 }
 
 #[test]
-fn both_solvers_find_the_mean_in_a_noisy_image() {
+fn the_solver_finds_the_mean_in_a_noisy_image() {
     compare(100, 0.2);
 }

@@ -54,15 +54,3 @@ fn result_is_independent_of_starting_variance_and_tolerance() {
         }
     }
 }
-
-#[test]
-fn blocks_and_parallel_updates_reach_the_same_cost() {
-    let prior = toy_prior(16);
-    let image = sphere(16, &prior);
-    let problem = problem(&image, &prior);
-    let [(_, blocks, few), (_, parallel, many)] = [Solver::Blocks, Solver::Parallel].map(|solver| {
-        let settings = VariationalSettings { solver, max_iterations: 20_000, ..Default::default() };
-        end(&problem, &settings)
-    });
-    assert!((blocks - parallel).abs() < 5.0, "{blocks} after {few}, {parallel} after {many}");
-}

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::grams::Grams;
-use super::{Posterior, Problem, StartReport, VariationalParameters, blocks, parallel};
+use super::{Posterior, Problem, StartReport, VariationalParameters, blocks, printed};
 
 /// Algorithm that computes the next ensemble. The cost and its fixed points are the same for all.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -17,10 +17,6 @@ pub enum Solver {
     /// along `Phi + alpha (Phi* - Phi)`; a noise level has converged after one change below the
     /// threshold.
     Printed,
-    /// [`Self::Printed`] with additions that make it converge: component switches of the light,
-    /// momentum, a second search in the natural parameters if the first fails, and three changes
-    /// below the threshold.
-    Parallel,
     /// Component switches, exact minimisation over light, reflectance and exposure in turn, and
     /// Newton steps in all of them: the same minima in a fraction of the time.
     #[default]
@@ -128,7 +124,7 @@ fn run(
 ) -> Run {
     match grams {
         Some(grams) => blocks::run(problem, ensemble, grams, settings, progress),
-        None => parallel::run(problem, ensemble, settings, progress),
+        None => printed::run(problem, ensemble, settings, progress),
     }
 }
 

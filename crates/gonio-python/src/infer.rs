@@ -55,11 +55,7 @@ pub(crate) struct InferSettings<'py> {
 impl InferSettings<'_> {
     /// Returns the method from names that the package has checked.
     fn method(&self) -> PyResult<Result<Method, AppError>> {
-        let solver = match self.solver.as_str() {
-            "parallel" => Solver::Parallel,
-            "printed" => Solver::Printed,
-            _ => Solver::Blocks,
-        };
+        let solver = if self.solver == "printed" { Solver::Printed } else { Solver::Blocks };
         let search = PaperSettings {
             method: if self.method == "map" { PaperMethod::JointMap } else { PaperMethod::Variational },
             solver,

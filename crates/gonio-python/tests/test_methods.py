@@ -100,7 +100,7 @@ def test_every_option_of_the_program_is_an_argument(command):
         ({"method": "map", "light": np.ones((8, 16))}, 'light is for method="known-light" and'),
         ({"starts": 2}, 'starts is for method="variational", "map", "known-light-basis", "paper"; method "learnt" does not use it'),
         ({"method": "map", "solver": "blocks"}, 'solver is for method="variational"; method "map" does not use it'),
-        ({"method": "variational", "solver": "quick"}, 'solver "quick": must be "blocks", "parallel" or "printed"'),
+        ({"method": "variational", "solver": "quick"}, 'solver "quick": must be "blocks" or "printed"'),
         ({"method": "paper", "grid": 8}, 'grid is for method='),
         ({"method": "paper", "shape": "blob"}, 'method="paper" requires a sphere'),
         ({"align_light": "near"}, 'align_light is for method="known-light"'),

@@ -293,7 +293,7 @@ def infer(
         Texels along a side of the light grid, a power of two; 32 by default.
     starts, seed : int, optional
         Number of random starts of the paper's methods (default 4), and their seed (default 1).
-    solver : {"blocks", "parallel", "printed"}, optional
+    solver : {"blocks", "printed"}, optional
         Solver of ``method="variational"``.
     full_rows : bool, default False
         Run ``"variational"`` or ``"map"`` on all observations instead of their projection.
@@ -385,7 +385,7 @@ def prepared(options: dict[str, Any]) -> tuple[GivenScene, Settings, Model, list
         "method": method,
         "starts": 4 if options["starts"] is None else integer(options["starts"], "starts", 1, 1000),
         "seed": 1 if options["seed"] is None else integer(options["seed"], "seed"),
-        "solver": choice(options["solver"] or "blocks", "solver", ("blocks", "parallel", "printed")),
+        "solver": choice(options["solver"] or "blocks", "solver", ("blocks", "printed")),
         "full_rows": flag(options["full_rows"], "full_rows"),
         "light": None if light is None else light_map(light, messages),
         "mirror_ball": ball,

@@ -41,7 +41,6 @@ pub(crate) fn words(suggestion: &Suggestion) -> Option<String> {
         Suggestion::LearnPosterior => {
             "train one with `gonio train posterior` and add it with `gonio train model --posterior`, or use another --method"
         }
-        _ => return None,
     };
     Some(words.to_owned())
 }

@@ -58,7 +58,6 @@ pub(crate) fn words(suggestion: &Suggestion) -> Option<String> {
         Suggestion::LearnPosterior => {
             "train one with train_posterior and add it with train_model, or use another method="
         }
-        _ => return None,
     };
     Some(words.to_owned())
 }

@@ -70,6 +70,7 @@ pub mod shading;
 pub mod shape;
 pub mod simulation;
 pub mod sphere;
+mod statistics;
 pub mod suggestion;
 #[cfg(test)]
 mod testing;

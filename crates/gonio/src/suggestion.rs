@@ -7,7 +7,6 @@ use crate::scene::{Circle, Correction};
 /// Each front end words suggestions in its own terms: options of a program or arguments of a
 /// function.
 #[derive(Clone, Debug, PartialEq)]
-#[non_exhaustive]
 pub enum Suggestion {
     /// Specify the outline of the ball.
     Outline,

@@ -15,4 +15,3 @@ mod public;
 mod raw;
 mod rgl;
 mod seeds;
-mod speed;

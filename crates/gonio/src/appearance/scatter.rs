@@ -1,6 +1,7 @@
 //! Scatter of pixels that share a normal.
 
 use super::disk::{DISK_SIDE, RIM, Sample};
+use crate::statistics::quantile;
 
 /// Smallest number of observations of a patch of cells from which scatter is estimated.
 const PATCH: usize = 6;
@@ -30,9 +31,7 @@ pub fn scatter(samples: &[Sample]) -> Option<f32> {
             .filter_map(|patch| about_plane(patch.iter().map(|(_, at)| &samples[*at as usize])))
             .collect();
         if variances.len() * 4 >= (0.76 * (side * side) as f32) as usize && !variances.is_empty() {
-            let middle = variances.len() / 2;
-            let (_, median, _) = variances.select_nth_unstable_by(middle, f32::total_cmp);
-            return Some(median.sqrt().max(MIN_SCATTER));
+            return quantile(&mut variances, 0.5).map(|median| median.sqrt().max(MIN_SCATTER));
         }
     }
     None

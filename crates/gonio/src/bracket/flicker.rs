@@ -3,9 +3,10 @@
 
 use rayon::prelude::*;
 
+use super::BracketError;
 use super::frame::Frame;
 use super::table::Table;
-use super::{BracketError, median};
+use crate::statistics::median;
 
 /// Factor between brightness and times above which the times are wrong. Nominal times are off by at
 /// most 7 %.
@@ -78,7 +79,7 @@ pub(super) fn correct(
         let (a, b) = (&frames[pair[0]], &frames[pair[1]]);
         let difference = difference(a, b, tables);
         if let Some(Difference { log_gain, .. }) = difference {
-            let off = median(&mut log_gain.to_vec()).unwrap_or(0.0);
+            let off = median(log_gain).unwrap_or(0.0);
             if off.abs() > WRONG_TIMES.ln() && !trusted {
                 let (first, second) = (a.index + 1, b.index + 1);
                 let stated = b.nominal / a.nominal;
@@ -98,13 +99,13 @@ pub(super) fn correct(
 fn store(frames: &mut [Frame<'_>], order: &[usize], differences: &[Option<Difference>], recovered: bool) {
     for channel in 0..3 {
         let of_pairs: Vec<f64> = differences.iter().map(|d| d.map_or(0.0, |d| d.log_gain[channel])).collect();
-        let common = if recovered { median(&mut of_pairs.clone()).unwrap_or(0.0) } else { 0.0 };
+        let common = if recovered { median(of_pairs.iter().copied()).unwrap_or(0.0) } else { 0.0 };
         let mut logs = vec![0.0; order.len()];
         for (i, off) in of_pairs.iter().enumerate() {
             let off = if differences[i].is_some() { off - common } else { 0.0 };
             logs[i + 1] = logs[i] + if off.abs() > MIN_GAIN { off } else { 0.0 };
         }
-        let middle = median(&mut logs.clone()).unwrap_or(0.0);
+        let middle = median(logs.iter().copied()).unwrap_or(0.0);
         let veils = chained_veils(differences, channel);
         for (i, &at) in order.iter().enumerate() {
             let frame = &mut frames[at];
@@ -166,7 +167,7 @@ fn difference(a: &Frame<'_>, b: &Frame<'_>, tables: &[Table; 3]) -> Option<Diffe
     if samples.len() < MIN_SAMPLES {
         return None;
     }
-    let ratio = |pairs: &[Sample]| median(&mut pairs.iter().map(|s| (s.y / s.x).ln()).collect::<Vec<_>>());
+    let ratio = |pairs: &[Sample]| median(pairs.iter().map(|s| (s.y / s.x).ln()));
     let typical = ratio(&samples)?;
     let plain = Difference { log_gain: [typical; 3], veil: [0.0; 3] };
     let (mut coloured, mut veiled) = (plain, plain);
@@ -178,16 +179,16 @@ fn difference(a: &Frame<'_>, b: &Frame<'_>, tables: &[Table; 3]) -> Option<Diffe
         }
         coloured.log_gain[channel] = ratio(&of_channel)?;
         let (gain, veil) = line(&of_channel, coloured.log_gain[channel].exp());
-        let brightness = median(&mut of_channel.iter().map(|s| s.x).collect::<Vec<_>>())?;
+        let brightness = median(of_channel.iter().map(|s| s.x))?;
         if gain > 0.0 && veil.abs() > MIN_VEIL * brightness {
             log_gains.push(gain.ln());
             veiled.veil[channel] = veil;
         }
     }
     // The gain of a veiled exposure is that of the channels with a veil.
-    veiled.log_gain = [median(&mut log_gains).unwrap_or(typical); 3];
+    veiled.log_gain = [median(log_gains).unwrap_or(typical); 3];
     // Chroma subsampling of JPEG looks like a gain or a veil of one channel.
-    let off = |of: &Difference| median(&mut samples.iter().map(|s| of.residual(s).abs()).collect::<Vec<_>>());
+    let off = |of: &Difference| median(samples.iter().map(|s| of.residual(s).abs()));
     let mut best = plain;
     for more in [coloured, veiled] {
         if off(&more)? < IMPROVED * off(&best)? {
@@ -202,8 +203,7 @@ fn line(samples: &[Sample], gain: f64) -> (f64, f64) {
     let (mut gain, mut veil) = (gain, 0.0);
     for _ in 0..ROUNDS {
         let residual = |s: &Sample| (s.y - gain * s.x - veil) / (gain * s.x);
-        let spread =
-            median(&mut samples.iter().map(|s| residual(s).abs()).collect::<Vec<_>>()).unwrap_or(0.0).max(1e-4);
+        let spread = median(samples.iter().map(|s| residual(s).abs())).unwrap_or(0.0).max(1e-4);
         let (mut w, mut wx, mut wy, mut wxx, mut wxy) = (0.0, 0.0, 0.0, 0.0, 0.0);
         for sample in samples {
             let Sample { x, y, .. } = *sample;

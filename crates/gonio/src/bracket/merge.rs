@@ -8,8 +8,9 @@ use super::flicker::correct;
 use super::frame::{ExposureCorrection, Frame};
 use super::pixels::{Row, merged};
 use super::table::Table;
-use super::{BracketError, Exposure, Response, check, median};
+use super::{BracketError, Exposure, Response, check};
 use crate::picture::{Picture, Plane};
+use crate::statistics::{median, quantile};
 
 /// Largest share of the exposures that may be left out because they are inconsistent.
 const MAX_LEFT_OUT: f64 = 1.0 / 3.0;
@@ -213,8 +214,8 @@ impl<'a> Bracket<'a> {
         for (frame, error) in frames.iter().zip(of_frames) {
             (time_errors[frame.index], corrections[frame.index]) = (error, Some(frame.correction));
         }
-        let residual = median(&mut residuals.concat()).unwrap_or(0.0);
-        let residuals = residuals.iter_mut().map(|residuals| median(residuals).unwrap_or(0.0)).collect();
+        let residual = median(residuals.concat()).unwrap_or(0.0);
+        let residuals = residuals.iter_mut().map(|residuals| quantile(residuals, 0.5).unwrap_or(0.0)).collect();
         let pixels = width * height;
         let report = MergeReport {
             pixels,

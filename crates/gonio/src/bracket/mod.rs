@@ -101,9 +101,3 @@ fn check(exposures: &[Exposure]) -> Result<(), BracketError> {
     }
     Ok(())
 }
-
-/// Sorts some values and returns their median; `None` without values.
-fn median(values: &mut [f64]) -> Option<f64> {
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied()
-}

@@ -14,13 +14,14 @@
 //!   continues it.
 //! * Isotonic regression makes the curve increase.
 
+use crate::statistics::median;
 use faer::Mat;
 use gonio_linalg::solve_positive;
 use rayon::prelude::*;
 
 use super::frame::Frame;
 use super::response::interpolate;
-use super::{BracketError, Exposure, Response, check, median};
+use super::{BracketError, Exposure, Response, check};
 
 /// Number of levels of the code at which the curve is estimated.
 const LEVELS: usize = 256;
@@ -117,8 +118,7 @@ fn recover_channel(pixels: &[Equations]) -> Result<Vec<f64>, BracketError> {
         // Outliers can be detected only after an estimate of the curve of this camera.
         curve = solve(pixels, &curve, &slope, round >= 2)?;
     }
-    let mut residuals: Vec<f64> = pixels.iter().flat_map(|p| disagreements(p, &curve)).collect();
-    let residual = median(&mut residuals).unwrap_or(0.0);
+    let residual = median(pixels.iter().flat_map(|p| disagreements(p, &curve))).unwrap_or(0.0);
     if residual > MAX_RESIDUAL {
         return Err(BracketError::NoResponse { percent: 100.0 * residual.exp_m1() });
     }
@@ -199,7 +199,7 @@ fn weights_of(pixel: &Equations, before: &[f64], slope: &[f64], robust: bool) ->
     // With three or more exposures, their median is a robust centre; with two, no centre is more
     // robust than their mean.
     let centre = if pixel.len() > 2 {
-        median(&mut pixel.iter().map(log).collect::<Vec<_>>()).unwrap_or(0.0)
+        median(pixel.iter().map(log)).unwrap_or(0.0)
     } else {
         pixel.iter().zip(&plain).map(|(p, w)| w * log(p)).sum::<f64>() / plain.iter().sum::<f64>()
     };

@@ -5,6 +5,7 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
 use super::*;
+use crate::statistics::median;
 use crate::testing::on_threads;
 
 /// Curves of a camera, exposure 0..=1 to code 0..=1. None is the sRGB curve or a power law.
@@ -73,9 +74,9 @@ fn errors(merged: &Merged, scene: &Plane<Vec3>, free_scale: bool) -> (f64, f64) 
         .collect();
     let mut all = Vec::new();
     for c in 0..3 {
-        let mut ratios: Vec<f64> =
+        let ratios: Vec<f64> =
             known.iter().map(|&i| f64::from(merged.picture.rgb.as_slice()[i][c] / scene.as_slice()[i][c])).collect();
-        let scale = if free_scale { median(&mut ratios).unwrap() } else { 1.0 };
+        let scale = if free_scale { median(ratios.iter().copied()).unwrap() } else { 1.0 };
         all.extend(ratios.iter().map(|r| (r / scale - 1.0).abs()));
     }
     all.sort_by(f64::total_cmp);

@@ -8,6 +8,7 @@ use super::unwrap::{Texel, unwrap};
 use super::{ProbeError, Reflectance, View};
 use crate::picture::luminance;
 use crate::sphere::lat_long_solid_angle;
+use crate::statistics::weighted_median;
 
 /// Number of rows of the maps on which all turns are tried.
 const COARSE: usize = 64;
@@ -159,7 +160,7 @@ pub(super) fn compare(first: &[Texel], second: &[Texel], rows: usize, turn: f64,
     let floors = (LOG_FLOOR * sums.0 / weight.max(1e-300), LOG_FLOOR * sums.1 / weight.max(1e-300));
     let (dark, dark_second) = (floors.0.max(1e-30), floors.1.max(1e-30));
     let ratios = both().map(|(i, a, b)| ((b + dark_second) / (a + dark), solid_angle(rows, i)));
-    let brightness = weighted_median(ratios.collect()).unwrap_or(1.0);
+    let brightness = weighted_median(ratios).unwrap_or(1.0);
     let off = both().map(|(i, a, b)| {
         let b = b / brightness;
         ((a - b).abs() / (0.5 * (a + b) + dark), solid_angle(rows, i))
@@ -170,22 +171,8 @@ pub(super) fn compare(first: &[Texel], second: &[Texel], rows: usize, turn: f64,
         correlation: correlation(|| {
             both().map(|(i, a, b)| ((a + dark).ln(), (b + dark_second).ln(), solid_angle(rows, i)))
         }),
-        difference: weighted_median(off.collect()).unwrap_or(0.0),
+        difference: weighted_median(off).unwrap_or(0.0),
         brightness,
         overlap: weight / (4.0 * PI),
     }
-}
-
-/// Returns the weighted median of some values; `None` without values.
-fn weighted_median(mut values: Vec<(f64, f64)>) -> Option<f64> {
-    values.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let half = 0.5 * values.iter().map(|(_, w)| w).sum::<f64>();
-    let mut sum = 0.0;
-    values
-        .iter()
-        .find(|(_, weight)| {
-            sum += weight;
-            sum >= half
-        })
-        .map(|(value, _)| *value)
 }

@@ -11,6 +11,7 @@ use super::patch::{Clipping, PatchPixels, check_neutral};
 use super::{ReferenceError, ReferenceLight};
 use crate::colour::Chroma;
 use crate::picture::{Plane, luminance};
+use crate::statistics::weighted_median;
 
 /// Half of the side of the measured part of a patch, relative to the patch pitch.
 const HALF_SIDE: f64 = 0.22;
@@ -244,7 +245,8 @@ impl Fit {
         let neutral = || (FIRST_NEUTRAL..PATCHES).filter_map(|patch| Some((measured[patch]?, published[patch])));
         let neutral_patches = neutral().count();
         // Weighted by the published colour, since stray light affects the dark patches most.
-        let channel = |c: usize| weighted_median(neutral().map(|(got, want)| (got[c] / want[c], want[c])));
+        let channel =
+            |c: usize| weighted_median(neutral().map(|(got, want)| (got[c] / want[c], want[c]))).unwrap_or(0.0);
         let white = DVec3::from_array([0, 1, 2].map(channel));
         let brightness = |colour: DVec3| f64::from(luminance(colour.as_vec3()));
         let off = |patch: usize| {
@@ -260,7 +262,7 @@ impl Fit {
         let greys = (FIRST_NEUTRAL..PATCHES).filter_map(|patch| Some((off(patch)?.1, published[patch].y)));
         Self {
             white,
-            log_sd: REFLECTANCE_LOG_SD.hypot(1.48 * weighted_median(greys)),
+            log_sd: REFLECTANCE_LOG_SD.hypot(1.48 * weighted_median(greys).unwrap_or(0.0)),
             correlation: correlation((0..FIRST_NEUTRAL).filter_map(off).map(|off| off.0)),
             residual: mean(0..FIRST_NEUTRAL, distance),
             neutral: mean(FIRST_NEUTRAL..PATCHES, distance),
@@ -338,21 +340,6 @@ fn correlation(pairs: impl Iterator<Item = [Chroma; 2]>) -> f64 {
     });
     let size = (got * want).sqrt();
     if size > 0.0 { product / size } else { 0.0 }
-}
-
-/// Returns the median of weighted values; 0 without values.
-fn weighted_median(values: impl Iterator<Item = (f64, f64)>) -> f64 {
-    let mut values: Vec<(f64, f64)> = values.collect();
-    values.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
-    let half = 0.5 * values.iter().map(|v| v.1).sum::<f64>();
-    let mut sum = 0.0;
-    for (value, weight) in &values {
-        sum += weight;
-        if sum >= half {
-            return *value;
-        }
-    }
-    values.last().map_or(0.0, |v| v.0)
 }
 
 #[cfg(test)]

@@ -3,6 +3,7 @@
 use glam::Vec3;
 
 use crate::picture::{Plane, luminance};
+use crate::statistics::median;
 
 /// Display value up to which radiance is shown unchanged.
 const STRAIGHT: f32 = 0.76;
@@ -93,12 +94,7 @@ pub fn median_colour(rgb: &Plane<Vec3>, keep: impl Fn(usize) -> bool) -> Vec3 {
     if kept.is_empty() {
         return Vec3::ONE;
     }
-    let median = [0, 1, 2].map(|c| {
-        let mut values: Vec<f32> = kept.iter().map(|p| p[c]).collect();
-        let middle = values.len() / 2;
-        *values.select_nth_unstable_by(middle, f32::total_cmp).1
-    });
-    let colour = Vec3::from_array(median);
+    let colour = Vec3::from_array([0, 1, 2].map(|c| median(kept.iter().map(|p| p[c])).unwrap_or(1.0)));
     if luminance(colour) > 0.0 { colour / luminance(colour) } else { Vec3::ONE }
 }
 

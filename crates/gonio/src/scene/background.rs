@@ -8,6 +8,7 @@ use rayon::prelude::*;
 use super::components::{border, flood, neighbours};
 use super::small::Small;
 use crate::picture::{Picture, Plane};
+use crate::statistics::{median, quantile};
 
 /// Returns the coverage (0..1) of the object, or `None` if no source is available.
 ///
@@ -67,7 +68,7 @@ const MAX_NOISE: f32 = 0.4;
 pub(super) fn plain_coverage(small: &Small, size: (usize, usize)) -> Option<Plane<f32>> {
     let values = &small.values;
     let outer: Vec<Vec3> = border(values.size()).map(|at| values[at]).collect();
-    let channel = |c: usize| quantile(&mut outer.iter().map(|v| v[c]).collect::<Vec<_>>(), 0.5);
+    let channel = |c: usize| median(outer.iter().map(|v| v[c]));
     let base = Vec3::new(channel(0)?, channel(1)?, channel(2)?);
     let from_base = |v: &Vec3| (*v - base).length();
     let noise = SPREADS * quantile(&mut outer.iter().map(from_base).collect::<Vec<_>>(), BORDER_SHARE)?;
@@ -107,11 +108,6 @@ fn contrast(distances: impl Iterator<Item = f32>) -> f32 {
         }
     }
     best.1 as f32
-}
-
-fn quantile(values: &mut [f32], share: f64) -> Option<f32> {
-    let at = (share * values.len() as f64) as usize;
-    (at < values.len()).then(|| *values.select_nth_unstable_by(at, f32::total_cmp).1)
 }
 
 /// Interpolates a plane of blocks of `step` pixels per side to single pixels.

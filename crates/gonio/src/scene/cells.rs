@@ -4,6 +4,7 @@ use glam::{DVec3, Vec3};
 
 use super::components::neighbours;
 use crate::picture::{Plane, luminance};
+use crate::statistics::median;
 
 /// Smallest share of usable pixels in a cell whose tone is known.
 const KNOWN: f32 = 0.5;
@@ -62,12 +63,8 @@ impl Cells {
                 .fold((Vec3::ZERO, 0.0_f32), |(sum, n), at| (sum + rgb[at].max(Vec3::ZERO), n + 1.0));
             (count >= KNOWN * (side * side) as f32).then(|| sum / count)
         });
-        let mut bright: Vec<f32> = means.as_slice().iter().flatten().map(|c| luminance(*c)).collect();
-        if bright.is_empty() {
-            return None;
-        }
-        let middle = bright.len() / 2;
-        let floor = Vec3::splat(DARK * *bright.select_nth_unstable_by(middle, f32::total_cmp).1);
+        let bright = median(means.as_slice().iter().flatten().map(|c| luminance(*c)))?;
+        let floor = Vec3::splat(DARK * bright);
         if floor.x <= 0.0 {
             return None;
         }

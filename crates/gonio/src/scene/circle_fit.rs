@@ -1,6 +1,7 @@
 //! Circle fit to scattered points: Taubin's algebraic fit, then robust least squares of the
 //! distances.
 
+use crate::statistics::median;
 use faer::Mat;
 use faer::linalg::solvers::SolveLstsq;
 use glam::{DMat3, DVec2, DVec3};
@@ -77,9 +78,7 @@ fn from_rim(p: DVec2, circle: &Circle) -> (DVec2, f64) {
 }
 
 fn median_distance(points: &[DVec2], circle: &Circle) -> f64 {
-    let mut distances: Vec<f64> = points.iter().map(|p| from_rim(*p, circle).1.abs()).collect();
-    let middle = distances.len() / 2;
-    *distances.select_nth_unstable_by(middle, f64::total_cmp).1
+    median(points.iter().map(|p| from_rim(*p, circle).1.abs())).unwrap_or(0.0)
 }
 
 /// Fits a circle by Taubin's method (1991), solved by Newton's method as in Chernov's book: unlike

@@ -7,6 +7,7 @@ use glam::Vec3;
 
 use super::components::{border, flood, neighbours};
 use crate::picture::Plane;
+use crate::statistics::median;
 
 /// Largest deviation of a component from the vector of the background: about one code of 8 bits.
 const MAX_DEVIATION: f32 = 0.012;
@@ -25,11 +26,7 @@ const MIN_STEP: f32 = 0.26;
 pub(super) fn flat_background(normals: &Plane<Vec3>) -> Option<Plane<bool>> {
     let size = normals.size();
     let on_border: Vec<Vec3> = border(size).map(|at| normals[at]).collect();
-    let middle = |component: usize| {
-        let mut values: Vec<f32> = on_border.iter().map(|n| n[component]).filter(|v| v.is_finite()).collect();
-        values.sort_by(f32::total_cmp);
-        values.get(values.len() / 2).copied()
-    };
+    let middle = |component: usize| median(on_border.iter().map(|n| n[component]).filter(|v| v.is_finite()));
     let vector = Vec3::new(middle(0)?, middle(1)?, middle(2)?);
     // Pixels without a normal are no background that must be removed.
     if vector == Vec3::ZERO {

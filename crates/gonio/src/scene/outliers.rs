@@ -14,6 +14,7 @@ use rayon::prelude::*;
 
 use super::components::neighbours;
 use crate::picture::Plane;
+use crate::statistics::median;
 use stencil::{NEIGHBOURS, Prediction, Stencil};
 
 /// Deviation that noise explains, in standard deviations.
@@ -334,8 +335,8 @@ impl NoiseLevels {
         samples.sort_unstable_by(|a, b| a.level.total_cmp(&b.level));
         let middle = samples.get(samples.len() / 2)?.level;
         let classes = samples.chunks(samples.len().div_ceil(NOISE_CLASSES)).map(|class| {
-            let deviation = median(class.iter().map(|sample| sample.deviation));
-            let step = median(class.iter().filter_map(|sample| sample.step));
+            let deviation = median(class.iter().map(|sample| sample.deviation)).unwrap_or(0.0);
+            let step = median(class.iter().filter_map(|sample| sample.step)).unwrap_or(0.0);
             (class[class.len() - 1].level, deviation.max(MIN_NOISE_OF_STEP * step))
         });
         Some(Self { classes: classes.collect(), least: MIN_NOISE_OF_MEDIAN * middle.abs() + f64::MIN_POSITIVE })
@@ -346,13 +347,6 @@ impl NoiseLevels {
         let class = self.classes.iter().find(|(upper, _)| level <= *upper).or(self.classes.last());
         class.map_or(0.0, |(_, noise)| *noise).max(MIN_NOISE * level.abs()).max(self.least)
     }
-}
-
-/// Returns the median, or zero without values.
-pub(super) fn median(values: impl Iterator<Item = f64>) -> f64 {
-    let mut values: Vec<f64> = values.collect();
-    let middle = values.len() / 2;
-    if values.is_empty() { 0.0 } else { *values.select_nth_unstable_by(middle, f64::total_cmp).1 }
 }
 
 #[cfg(test)]

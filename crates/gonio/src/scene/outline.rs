@@ -10,6 +10,7 @@ use super::SceneError;
 use super::circle::{MIN_BALL_RADIUS, outline};
 use crate::picture::Plane;
 use crate::shape::{Camera, Ellipsoid};
+use crate::statistics::{median, quantile};
 
 /// Number of random draws of points. If a third of the outline is not on the ellipse (a stand, a
 /// finger), 1 in 17 draws for an ellipse and 1 in 8 for a ball contain no such point.
@@ -96,7 +97,7 @@ pub(crate) fn find_ellipse(coverage: &Plane<f32>) -> Result<Ellipse, SceneError>
     let flat = if steep > 0.0 { steep - std::f64::consts::FRAC_PI_2 } else { steep + std::f64::consts::FRAC_PI_2 };
     let (long, short) = (unit * axes.0.sqrt(), unit * axes.1.sqrt());
     let mut distances: Vec<f64> = points.iter().map(|p| unit * conic(&c, *p).abs()).collect();
-    let residual = quantile(&mut distances, NEAR_SHARE);
+    let residual = quantile(&mut distances, NEAR_SHARE).ok_or_else(|| none(0.0))?;
     if residual > 0.5 + MAX_STRAY * short || long > MAX_LENGTH * unit {
         return Err(none(residual));
     }
@@ -151,7 +152,7 @@ pub(crate) fn find_ball(coverage: &Plane<f32>, camera: &Camera) -> Result<Ellips
         return Err(none(0.0));
     }
     let mut strays: Vec<f64> = (0..rows.len()).map(|i| cone(&b, i).abs()).collect();
-    let residual = quantile(&mut strays, NEAR_SHARE);
+    let residual = quantile(&mut strays, NEAR_SHARE).ok_or_else(|| none(0.0))?;
     let radius = (1.0 - 1.0 / (length * length)).sqrt();
     if residual > 0.5 * pixel + MAX_STRAY * radius.asin() {
         return Err(none(residual / pixel));
@@ -179,7 +180,7 @@ fn fit(rows: &[Vec<f64>], distance: impl Fn(&[f64], usize) -> f64, least: f64) -
             (0..unknowns + 2).for_each(|_| weights[rng.random_range(0..rows.len())] = 1.0);
         }
         let Some(solution) = least_squares(rows, &weights) else { continue };
-        let typical = median(&mut off(&solution));
+        let typical = median(off(&solution))?;
         if typical.is_finite() && best.as_ref().is_none_or(|b| typical < b.0) {
             best = Some((typical, solution));
         }
@@ -187,7 +188,7 @@ fn fit(rows: &[Vec<f64>], distance: impl Fn(&[f64], usize) -> f64, least: f64) -
     let (_, mut solution) = best?;
     for _ in 0..ROUNDS {
         let off = off(&solution);
-        let scale = (3.0 * median(&mut off.clone())).max(least);
+        let scale = (3.0 * median(off.iter().copied())?).max(least);
         let weights: Vec<f64> = off.iter().map(|d| (1.0 + (d / scale).powi(2)).powi(-2)).collect();
         solution = least_squares(rows, &weights)?;
     }
@@ -206,16 +207,6 @@ fn least_squares(rows: &[Vec<f64>], weights: &[f64]) -> Option<Vec<f64>> {
         }
     }
     solve_positive(gram, &right)
-}
-
-fn median(values: &mut [f64]) -> f64 {
-    quantile(values, 0.5)
-}
-
-/// Returns a quantile of a non-empty slice.
-fn quantile(values: &mut [f64], share: f64) -> f64 {
-    let at = ((share * values.len() as f64) as usize).min(values.len() - 1);
-    *values.select_nth_unstable_by(at, f64::total_cmp).1
 }
 
 #[cfg(test)]

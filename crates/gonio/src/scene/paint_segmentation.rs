@@ -22,6 +22,7 @@ use glam::{DVec2, DVec3, Vec3};
 use super::cells::{Cells, SurfaceGeometry};
 use super::components::{fill_holes, neighbours};
 use crate::picture::Plane;
+use crate::statistics::quantile;
 
 /// Approximate number of cells along the longer side of the object. The picture is analysed in
 /// these cells: finer structure is noise or texture.
@@ -281,10 +282,9 @@ impl Border {
 
 /// Returns the median and the median absolute deviation from it.
 fn middle(mut values: Vec<f64>) -> (f64, f64) {
-    let at = values.len() / 2;
-    let median = *values.select_nth_unstable_by(at, f64::total_cmp).1;
+    let median = quantile(&mut values, 0.5).unwrap_or(0.0);
     values.iter_mut().for_each(|v| *v = (*v - median).abs());
-    (median, *values.select_nth_unstable_by(at, f64::total_cmp).1)
+    (median, quantile(&mut values, 0.5).unwrap_or(0.0))
 }
 
 /// Returns the cell of a region nearest to another cell, within reach.

@@ -23,9 +23,9 @@ use gonio_linalg::eigenvectors;
 
 use super::cells::{Cells, SurfaceGeometry};
 use super::components::neighbours;
-use super::outliers::median;
 use super::shading::{ShadingBasis, TwoPaints};
 use crate::picture::{Plane, luminance};
+use crate::statistics::median;
 
 /// Approximate number of cells along the longer side of the object.
 const CELLS: f64 = 100.0;
@@ -144,7 +144,7 @@ fn is_pattern(step: DVec3, steps: &[DVec3]) -> bool {
         return false;
     }
     let relative = || steps.iter().map(|step| step[channel] / difference);
-    let middle = median(relative());
+    let middle = median(relative()).unwrap_or(0.0);
     let spread = deviation(relative().map(|step| step - middle)) / middle;
     let is_brighter = step.min_element() > -MIN_RISE && difference > 0.0;
     let least = if is_brighter { MIN_BRIGHT_STEP } else { MEDIAN_STEP[0] };
@@ -251,7 +251,7 @@ impl Groups {
         let shading = basis.without_constant(&coefficients);
         let left: Vec<DVec3> = self.tones.iter().zip(&shading).map(|(tone, shading)| *tone - *shading).collect();
         let fitted = || left.iter().zip(is_fitted).filter(|(_, is_fitted)| **is_fitted).map(|(value, _)| *value);
-        let middle = DVec3::from_array([0, 1, 2].map(|c| median(fitted().map(|v| v[c]))));
+        let middle = DVec3::from_array([0, 1, 2].map(|c| median(fitted().map(|v| v[c])).unwrap_or(0.0)));
         Some(left.into_iter().map(|v| v - middle).collect())
     }
 
@@ -367,7 +367,7 @@ impl Groups {
         order.pop();
         let mut has_moved = false;
         for p in order {
-            if heights[p].len() >= PART.0 && median(heights[p].iter().copied()) >= PART.1 {
+            if heights[p].len() >= PART.0 && median(heights[p].iter().copied()) >= Some(PART.1) {
                 continue;
             }
             let own = self.other[parts[p][0]];
@@ -438,7 +438,7 @@ fn two_groups(residuals: &[DVec3], is_fitted: &[bool]) -> Vec<bool> {
 
 /// Returns the standard deviation about zero of normal values with this median absolute value.
 fn deviation(values: impl Iterator<Item = f64>) -> f64 {
-    1.4826 * median(values.map(f64::abs))
+    1.4826 * median(values.map(f64::abs)).unwrap_or(0.0)
 }
 
 #[cfg(test)]

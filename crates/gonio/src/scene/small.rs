@@ -4,6 +4,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use crate::picture::{Plane, luminance};
+use crate::statistics::quantile;
 
 /// Side of the grid of pixels from which the median brightness is taken.
 const PROBES: usize = 64;
@@ -27,11 +28,8 @@ impl Compression {
         let every = |length: usize| (0..length).step_by(length.div_ceil(PROBES).max(1));
         let bright = every(height).flat_map(|y| every(width).map(move |x| luminance(sound(rgb[(x, y)]))));
         let mut bright: Vec<f32> = bright.filter(|v| *v > 0.0).collect();
-        let mut quantile = |share: f64| {
-            let at = (share * bright.len() as f64) as usize;
-            if bright.is_empty() { 1.0 } else { *bright.select_nth_unstable_by(at, f32::total_cmp).1 }
-        };
-        let middle = quantile(0.5).max(DARK * quantile(0.95));
+        let mut brightness = |share| quantile(&mut bright, share).unwrap_or(1.0);
+        let middle = brightness(0.5).max(DARK * brightness(0.95));
         Self(middle.clamp(1.0 / MAX_RADIANCE, MAX_RADIANCE))
     }
 

@@ -4,6 +4,7 @@
 use glam::Vec3;
 
 use crate::picture::{Plane, luminance};
+use crate::statistics::quantile;
 
 /// Standard deviation at which a pixel has half its weight, relative to the root mean square of the
 /// picture: the error of the model itself ([`MODEL_ERROR`](crate::inference::MODEL_ERROR)).
@@ -80,8 +81,7 @@ pub(super) fn weights(rgb: &Plane<Vec3>, normals: &Plane<Vec3>, region: &Plane<b
     let mut noise = vec![0.0; pixels.len()];
     for class in order.chunks(order.len().div_ceil(CLASSES).max(1)) {
         let mut variances: Vec<f64> = class.iter().filter_map(|&k| fits[k].0.as_ref().map(|f| f.variance)).collect();
-        let at = (QUIET * variances.len() as f64) as usize;
-        let quiet = *variances.select_nth_unstable_by(at, f64::total_cmp).1 / QUIET_SHARE;
+        let quiet = quantile(&mut variances, QUIET).unwrap_or(0.0) / QUIET_SHARE;
         class.iter().for_each(|&k| noise[k] = quiet);
     }
     let weight = |(k, fits): (usize, &(Option<Fit>, Option<Fit>))| {

@@ -6,6 +6,7 @@ use thiserror::Error;
 use super::smooth::smooth_normals;
 use super::topology::{Topology, face};
 use crate::picture::Plane;
+use crate::statistics::median;
 
 /// Contents of a mesh file.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -184,9 +185,7 @@ impl Mesh {
             let [a, b, c] = t.map(|i| positions[i as usize]);
             (b - a).length().max((c - b).length()).max((a - c).length())
         };
-        let mut lengths: Vec<f64> = triangles.iter().map(longest).collect();
-        let middle = lengths.len() / 2;
-        let median = *lengths.select_nth_unstable_by(middle, f64::total_cmp).1;
+        let median = median(triangles.iter().map(longest)).unwrap_or(0.0);
         triangles.retain(|t| longest(t) <= jump * median);
         Self::new(MeshParts { positions, triangles, normals: None })
     }

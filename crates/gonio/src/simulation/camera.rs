@@ -12,6 +12,7 @@ use super::figure::MultiPartObject;
 use super::scene::Scene;
 use crate::appearance::disk::{self, DISK_SIDE, DiskImage, on_disk};
 use crate::appearance::{Sample, scatter};
+use crate::statistics::median;
 
 /// Standard deviation of the logarithm of the ratio between the albedos of paint and object.
 const PAINT: f32 = 0.7;
@@ -324,7 +325,7 @@ impl PhotographEffects {
         (mean, rough, step): (f32, f32, f32),
         rng: &mut impl Rng,
     ) -> f32 {
-        let mut relative: Vec<f32> = (0..DISK_SIDE * DISK_SIDE)
+        let relative: Vec<f32> = (0..DISK_SIDE * DISK_SIDE)
             .filter(|&c| on_disk(c) && image[c] > 0.0)
             .step_by(7)
             .map(|c| {
@@ -337,8 +338,7 @@ impl PhotographEffects {
                 (rest + among + details[c] * details[c]) / (value * value)
             })
             .collect();
-        let middle = relative.len() / 2;
-        let rest = if relative.is_empty() { 0.0 } else { *relative.select_nth_unstable_by(middle, f32::total_cmp).1 };
+        let rest = median(relative).unwrap_or(0.0);
         let reported_noise = (self.speckle.powi(2) + rest).sqrt() * (0.15 * gauss(rng)).exp();
         reported_noise.max(0.001)
     }

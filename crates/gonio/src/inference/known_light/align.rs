@@ -1,10 +1,11 @@
 //! Fit under a light that may be rotated.
 
+use crate::statistics::median;
 use std::f64::consts::TAU;
 
 use glam::{DQuat, DVec3};
 
-use super::error_model::{CUT, median};
+use super::error_model::CUT;
 use super::fit::{FitPrior, ImageModel, LaplaceFit, State};
 use super::light::{KnownLight, Operator};
 use super::rotation::propose;
@@ -35,7 +36,7 @@ impl Candidate {
     /// Returns the root mean square error of the logarithm of the image, with outliers clipped.
     fn error(&self) -> f64 {
         let residuals = &self.fit.state.residuals;
-        let cut = CUT * median(residuals.iter().map(|r| r.abs()).collect());
+        let cut = CUT * median(residuals.iter().map(|r| r.abs())).unwrap_or(0.0);
         (residuals.iter().map(|r| r.abs().min(cut).powi(2)).sum::<f64>() / residuals.len() as f64).sqrt()
     }
 }

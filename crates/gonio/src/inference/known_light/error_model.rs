@@ -1,5 +1,6 @@
 //! Error model of the image: noise, texture and model error.
 
+use crate::statistics::median;
 use faer::Mat;
 use glam::DVec3;
 use gonio_linalg::{Cholesky, eigenvectors};
@@ -80,7 +81,7 @@ impl ErrorModel {
     pub(super) fn estimate(&mut self, residuals: &[f64]) {
         let n = residuals.len();
         let sample: Vec<usize> = (0..n).step_by(n.div_ceil(SAMPLE).max(1)).collect();
-        let cut = CUT * median(residuals.iter().map(|r| r.abs()).collect()).max(MIN_NOISE);
+        let cut = CUT * median(residuals.iter().map(|r| r.abs())).unwrap_or(0.0).max(MIN_NOISE);
         let m = sample.len();
         let correlation = Mat::from_fn(m, m, |i, j| self.correlation[(sample[i], sample[j])]);
         let (values, vectors) = eigenvectors(correlation.as_ref());
@@ -112,15 +113,6 @@ impl ErrorModel {
             .collect();
         self.weights = weights;
     }
-}
-
-/// Returns the median; zero if there are no values.
-pub(super) fn median(mut values: Vec<f64>) -> f64 {
-    if values.is_empty() {
-        return 0.0;
-    }
-    let middle = values.len() / 2;
-    *values.select_nth_unstable_by(middle, f64::total_cmp).1
 }
 
 #[cfg(test)]
@@ -166,6 +158,6 @@ mod tests {
         assert!(model.weights[50] < 0.05, "{}", model.weights[50]);
         let least = model.weights.iter().enumerate().filter(|(i, _)| *i != 50).map(|w| *w.1).fold(2.0, f64::min);
         // The smooth part follows the outlier slightly, so its neighbours lose some weight.
-        assert!(least > 0.25 && median(model.weights.clone()) > 1.1, "{least}");
+        assert!(least > 0.25 && median(model.weights.clone()) > Some(1.1), "{least}");
     }
 }

@@ -7,11 +7,12 @@ use faer::{Accum, Mat, Par};
 use gonio_linalg::Cholesky;
 use rayon::prelude::*;
 
-use super::error_model::{ErrorModel, median};
+use super::error_model::ErrorModel;
 use super::light::Operator;
 use super::space::ParameterSpace;
 use super::{KnownLightError, ObservedPoints};
 use crate::reflectance::CELLS;
+use crate::statistics::median;
 
 /// Number of rounds. The error model is re-estimated before the steps of a round and fixed during
 /// them, so that all steps of a round lower the same cost.
@@ -151,7 +152,7 @@ impl<'a> ImageModel<'a> {
             coefficients.push(gain.ln());
         }
         let mut state = self.state(coefficients);
-        state.coefficients[self.space.len() - 1] += median(state.residuals.clone());
+        state.coefficients[self.space.len() - 1] += median(state.residuals.iter().copied()).unwrap_or(0.0);
         self.state(state.coefficients)
     }
 

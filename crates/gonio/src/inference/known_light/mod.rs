@@ -35,8 +35,8 @@ use thiserror::Error;
 use crate::reflectance::{BivariateTable, LatentSpace};
 use crate::render::IntegratorSettings;
 use crate::shape::{SurfacePoint, Visibility};
+use crate::statistics::median;
 pub use channels::ChannelPosterior;
-use error_model::median;
 use fit::{FitPrior, ImageModel, LaplaceFit, State};
 pub use gaussian::Gaussian;
 pub(crate) use learnt_likelihood::EncoderLikelihood;
@@ -282,8 +282,8 @@ fn start(operator: &Operator, values: &[f64], materials: &PriorMaterials<'_>) ->
         let ratio: f64 = rows.iter().map(|&at| values[at]).sum::<f64>() / picture.iter().sum::<f64>().max(1e-300);
         let logs: Vec<f64> =
             rows.iter().zip(&picture).map(|(&at, p)| ((values[at] + floor) / (ratio * p + floor)).ln()).collect();
-        let middle = median(logs.clone());
-        median(logs.iter().map(|l| (l - middle).abs()).collect())
+        let middle = median(logs.iter().copied()).unwrap_or(0.0);
+        median(logs.iter().map(|l| (l - middle).abs())).unwrap_or(0.0)
     };
     let gains = if operator.clips() { &GAINS[..] } else { &GAINS[..1] };
     let best = materials.tables.par_iter().map(|table| {

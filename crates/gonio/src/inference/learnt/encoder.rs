@@ -255,18 +255,4 @@ mod tests {
             assert!((got - 0.5 * (square + MIN_VARIANCE).ln()).abs() < 1e-5, "{got} {square}");
         }
     }
-
-    /// Prints the time instead of asserting it, since machines differ.
-    #[test]
-    #[ignore = "a measurement"]
-    #[allow(clippy::print_stdout)]
-    fn one_image_is_quick() {
-        let encoder = any(EncoderShape::new(5, 8, 180));
-        let image = vec![0.5; 128 * 128 * 5];
-        let (runs, start) = (20, std::time::Instant::now());
-        for _ in 0..runs {
-            std::hint::black_box(encoder.apply(&image, &[0.0; 8]));
-        }
-        println!("{:.2} ms an image", 1e3 * start.elapsed().as_secs_f64() / f64::from(runs));
-    }
 }

@@ -13,6 +13,7 @@ mod components;
 mod field;
 mod prior;
 
+use crate::statistics::median;
 use gonio_linalg::principal_axes;
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
@@ -143,10 +144,9 @@ impl LatentSpace {
 /// zero elsewhere.
 pub(crate) fn relative_log(table: &BivariateTable) -> Vec<f64> {
     let values = table.as_slice();
-    let mut kept: Vec<f32> = trusted_cells().map(|c| values[c]).collect();
-    let count = kept.len();
-    let (_, median, _) = kept.select_nth_unstable_by(count / 2, f32::total_cmp);
-    let floor = (LOG_FLOOR * f64::from(*median)).max(1e-30);
+    let count = trusted_cells().count();
+    let median = median(trusted_cells().map(|c| values[c])).unwrap_or(0.0);
+    let floor = (LOG_FLOOR * f64::from(median)).max(1e-30);
     let mut log = vec![0.0; CELLS];
     for c in trusted_cells() {
         log[c] = (f64::from(values[c]) + floor).ln();

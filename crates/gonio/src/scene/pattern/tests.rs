@@ -111,8 +111,6 @@ fn small_and_dark_objects_have_no_pattern() {
 }
 
 #[test]
-fn medians_and_deviations_are_those_of_the_sample() {
-    assert_eq!(median([3.0, 1.0, 2.0].into_iter()), 2.0);
-    assert_eq!(median(std::iter::empty()), 0.0);
+fn deviations_are_those_of_the_sample() {
     assert!((deviation([-2.0, 1.0, 1.0, -1.0, 5.0].into_iter()) - 1.4826).abs() < 1e-12);
 }

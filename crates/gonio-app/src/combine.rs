@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use glam::Vec3;
 use gonio::colour::{Chroma, ChromaField, SavedChroma};
-use gonio::estimate::{ALBEDO, Colouring, Combined, EstimateError, Material, combine as multiply};
+use gonio::estimate::{ALBEDO, Colouring, Combined, EstimateError, Highlight, Material, combine as multiply};
 use gonio::inference::ProductError;
 use gonio::inference::learnt::MaterialPosterior;
 use gonio::model::Model;
@@ -16,14 +16,21 @@ use gonio_io::posterior::{self, SavedPosterior};
 use gonio_io::result::{self, Colour, ColourSpaces, CombinedPhotograph, ModelSection, ResultDocument, UncertainColour};
 use gonio_io::result_brdf::BrdfQuantiles;
 use gonio_report::combined::{Shown, compose};
+use gonio_report::report::{self, CombinedReport, Fits};
 use gonio_report::uncertainty;
 
 use crate::document::{combined, new, reflectance};
 use crate::results::{Files, levels};
 use crate::{AppError, ProgressLog};
 
+/// Name of the picture of all materials.
+const SHEET: &str = "combined";
+
 /// Largest number of photographs in the picture.
 const SHOWN: usize = 12;
+
+/// Half of the width of the 90 % interval of a Gaussian, in standard deviations.
+const HALF_WIDTH: f64 = 1.645;
 
 /// Combined result of several photographs.
 pub struct CombinedResult {
@@ -35,6 +42,8 @@ pub struct CombinedResult {
     pub agreement: Vec<f64>,
     /// Pictures by name, as linear display values.
     pub pictures: Vec<(&'static str, Plane<Vec3>)>,
+    /// The photographs.
+    pub photographs: Vec<report::CombinedPhotograph>,
     /// Contents of `result.json`.
     pub document: ResultDocument,
     /// Posterior to combine with further photographs.
@@ -107,10 +116,15 @@ pub fn combine(
         likelihoods.into_iter().filter_map(|likelihood| MaterialPosterior::of(learnt, likelihood)).collect();
     progress_log.report("drawing", 0.0);
     let pictures = draw(given, &material, &alone, &field);
+    let photograph = |(((name, _), posterior), agreement): ((&(String, SavedPosterior), &MaterialPosterior), &f64)| {
+        let roughness = Highlight::of(posterior).roughness();
+        report::CombinedPhotograph { name: name.clone(), roughness, agreement: *agreement }
+    };
+    let photographs = given.iter().zip(&alone).zip(&agreement).map(photograph).collect();
     let images: Vec<String> = given.iter().flat_map(|(_, saved)| saved.images.clone()).collect();
     let both = SavedPosterior::new(learnt.id(), images, material.posterior.likelihood.clone(), chroma.clone());
     let document = document(model, given, &material, &agreement, (&field, chroma.as_ref()), progress_log);
-    Ok(CombinedResult { material, field, agreement, pictures, document, saved: both })
+    Ok(CombinedResult { material, field, agreement, pictures, photographs, document, saved: both })
 }
 
 /// Converts the error and adds the name of the faulty photograph, if there is one.
@@ -148,7 +162,7 @@ fn draw(
         .collect();
     let caption = format!("combined from {} photographs | {}", given.len(), material.verdict());
     let (sheet, sphere) = compose(&spheres, &singles, &caption);
-    vec![("relit", sphere), ("combined", sheet), ("uncertainty", uncertainty::draw(material))]
+    vec![("relit", sphere), (SHEET, sheet), ("uncertainty", uncertainty::draw(material))]
 }
 
 /// Returns the contents of `result.json`.
@@ -162,7 +176,14 @@ fn document(
 ) -> ResultDocument {
     let part = |chroma: Chroma, sd: Option<[f64; 2]>| {
         let rgb = chroma.rgb().to_array();
-        Some(UncertainColour { rgb, log_chroma: chroma.0, log_chroma_sd: sd, ..UncertainColour::default() })
+        let interval_90 = sd.map(|sd| [0, 1].map(|k| [-1.0, 1.0].map(|sign| chroma.0[k] + sign * HALF_WIDTH * sd[k])));
+        Some(UncertainColour {
+            rgb,
+            log_chroma: chroma.0,
+            interval_90,
+            log_chroma_sd: sd,
+            ..UncertainColour::default()
+        })
     };
     let photograph = |((name, saved), agreement): (&(String, SavedPosterior), &f64)| CombinedPhotograph {
         folder: name.clone(),
@@ -187,6 +208,16 @@ fn document(
 }
 
 impl CombinedResult {
+    /// Returns the page `report.html`; fits models of renderers for it.
+    fn page(&self) -> Option<String> {
+        let sheet = self.pictures.iter().find(|(name, _)| *name == SHEET).map(|(_, sheet)| sheet)?;
+        let tables = self.field.tables(&self.material.table);
+        let fits = Fits::of(&tables, Some(self.material.highlight.roughness()), false);
+        let Self { material, photographs, document: result, .. } = self;
+        let report = CombinedReport { name: "material", material, sheet, photographs, fits: &fits, result };
+        Some(report.render())
+    }
+
     /// Returns the contents of the folder of results.
     pub fn files(&self) -> Files {
         let luminance = self.material.quantiles.clone();
@@ -197,7 +228,7 @@ impl CombinedResult {
             light: None,
             pictures: self.pictures.iter().map(|(name, picture)| (*name, encode_png(picture))).collect(),
             document: result::encode(&self.document),
-            page: None,
+            page: self.page(),
             space: ColourSpace::Rec709,
         }
     }

@@ -38,7 +38,7 @@ pub(crate) fn run(options: &CombineOptions) -> Result<Outcome> {
     line.finish();
     let output = options.output.display().to_string();
     let text = format!(
-        "{output}: BRDF, pictures and result.json from {} photographs\n{}",
+        "{output}: BRDF, pictures and report.html from {} photographs\n{}",
         given.len(),
         answer.material.verdict()
     );

@@ -85,7 +85,7 @@ pub(crate) fn combine_all<'py>(
         let listener = |stage, fraction| reporter.at(stage, fraction);
         combine::combine((&known, &name), &all, &ProgressLog::new("reading", &listener))
     })?;
-    let CombinedResult { material, field, agreement, pictures, document, saved } = answer;
+    let CombinedResult { material, field, agreement, pictures, document, saved, .. } = answer;
     let out = of_material(py, &material, (&field, None), 1.0)?;
     out.set_item("likelihood", Likelihood(saved))?;
     out.set_item("agreement", agreement)?;

@@ -27,9 +27,15 @@ fn seen() -> Bench {
 fn combines_one_material_and_rejects_others() {
     let bench = seen();
     bench.run("combine one two -o both").succeeds();
-    let files = ["brdf.npz", "combined.png", "posterior.json", "relit.png", "result.json"];
+    let files = ["brdf.npz", "combined.png", "posterior.json", "relit.png", "report.html", "result.json"];
     assert!(files.iter().all(|file| bench.names("both").contains(&(*file).to_owned())), "{:?}", bench.names("both"));
-    let photographs = &bench.json("both/result.json")["photographs"];
+    let page = String::from_utf8(bench.read("both/report.html")).unwrap();
+    assert!(page.contains("Parameters for renderers") && page.contains("agreement"));
+    let result = bench.json("both/result.json");
+    assert!(
+        result["colour"]["body"]["interval_90"][0][0].as_f64() < result["colour"]["body"]["log_chroma"][0].as_f64()
+    );
+    let photographs = &result["photographs"];
     for at in 0..2 {
         assert!(photographs[at]["agreement"].as_f64().unwrap() > 0.0, "{photographs}");
     }

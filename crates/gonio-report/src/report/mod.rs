@@ -1,5 +1,6 @@
 //! Self-contained HTML report of an estimate with its uncertainty.
 
+mod combined;
 mod lobes;
 mod packed;
 mod reflectance;
@@ -15,15 +16,19 @@ use maud::{Markup, PreEscaped, html};
 use crate::page::{Document, Section, figure, table};
 use crate::panels::{PANEL, Panels, Subject, resolution, used};
 use crate::uncertainty::{svg, width};
+pub use combined::{CombinedPhotograph, CombinedReport};
 pub(crate) use reflectance::cut;
 pub use renderers::Fits;
 
+/// Styles of results beyond those of all reports.
+const RESULT_STYLE: &str = include_str!("report.css");
 /// Styles and scripts of the page beyond those of all reports.
 const STYLE: &str = concat!(include_str!("report.css"), include_str!("../../viewer/viewer.css"));
 const SCRIPT: &str = concat!(
     include_str!("../../viewer/renderer.js"),
     include_str!("../../viewer/viewer.js"),
-    include_str!("report.js")
+    include_str!("report.js"),
+    include_str!("../page/copy.js")
 );
 
 /// Width of the picture of a draw, in pixels: five fit in a row.
@@ -78,11 +83,7 @@ impl Report<'_> {
         html! {
             p.answer {
                 @match self.subject.material {
-                    Some(material) => {
-                        @let verdict = material.verdict();
-                        @let rest = verdict.strip_prefix(material.finish().name()).unwrap_or(&verdict);
-                        strong { (material.finish().name()) } (rest) "."
-                    }
+                    Some(material) => { (verdict_of(material)) }
                     None => { "This BRDF explains the photograph best. The method does not estimate its uncertainty." }
                 }
             }
@@ -316,6 +317,13 @@ impl Report<'_> {
                 quantiles as numpy arrays. " code { "gonio export" } " converts the BRDF for renderers." }
         }
     }
+}
+
+/// States finish, roughness and certainty; the finish is bold.
+fn verdict_of(material: &Material) -> Markup {
+    let verdict = material.verdict();
+    let finish = material.finish().name();
+    html! { strong { (finish) } (verdict.strip_prefix(finish).unwrap_or(&verdict)) "." }
 }
 
 /// Shows misfit and scatter, and the expected misfit, if known.

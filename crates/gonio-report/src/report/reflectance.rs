@@ -1,5 +1,6 @@
 //! Pictures of the BRDF.
 
+use gonio::estimate::Material;
 use gonio::reflectance::{BivariateTable, THETA_D, THETA_H, is_trusted, theta_h_of};
 use maud::{Markup, html};
 
@@ -16,12 +17,6 @@ const INCIDENCES: [f64; 3] = [15.0, 45.0, 70.0];
 const CUTS: [usize; 2] = [5, 60];
 
 pub(super) fn section(subject: &Subject<'_>, panels: &Panels) -> Markup {
-    let table = subject.table;
-    let band = subject.material.map(|m| {
-        let quantile = |q: &Vec<f32>| BivariateTable::from_vec(q.clone());
-        (quantile(&m.quantiles[0]), quantile(&m.quantiles[m.quantiles.len() - 1]))
-    });
-    let band = band.as_ref().map(|(low, high)| (low, high));
     let spheres: Vec<(&str, Markup)> = panels
         .spheres
         .iter()
@@ -29,6 +24,19 @@ pub(super) fn section(subject: &Subject<'_>, panels: &Panels) -> Markup {
             (*light, figure::sized(sphere, 2 * PANEL / 3, &format!("A sphere of the material, {light}")))
         })
         .collect();
+    html! {
+        (figure::figure(&figure::tiles(&spheres), &html! { "Spheres with the estimated BRDF in three built-in lights." }))
+        (charts(subject.table, subject.material))
+    }
+}
+
+/// Draws the BRDF over both angles, its cuts and its lobes, with the 90 % intervals of a material.
+pub(super) fn charts(table: &BivariateTable, material: Option<&Material>) -> Markup {
+    let band = material.map(|m| {
+        let quantile = |q: &Vec<f32>| BivariateTable::from_vec(q.clone());
+        (quantile(&m.quantiles[0]), quantile(&m.quantiles[m.quantiles.len() - 1]))
+    });
+    let band = band.as_ref().map(|(low, high)| (low, high));
     let interval = if band.is_some() { " The band is the 90 % interval at each angle." } else { "" };
     let lobes = INCIDENCES.map(|incidence| {
         let peak = |t: &BivariateTable| curve(t, incidence).iter().map(|p| p.1).fold(1e-6, f64::max);
@@ -37,7 +45,6 @@ pub(super) fn section(subject: &Subject<'_>, panels: &Panels) -> Markup {
         figure::card(&format!("Light at {incidence:.0}°"), &drawn, &html! { "Up to " (short(top)) " per steradian." })
     });
     html! {
-        (figure::figure(&figure::tiles(&spheres), &html! { "Spheres with the estimated BRDF in three built-in lights." }))
         (figure::grid(20, &[
             figure::figure(&svg(&[&mean(table)], false, "Map of the BRDF over half and difference angle"),
                 &html! { "Luminance of the BRDF over half angle (horizontal, stretched at the highlight) and \

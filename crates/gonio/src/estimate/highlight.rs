@@ -72,7 +72,8 @@ impl Finish {
 }
 
 impl Highlight {
-    pub(super) fn of(posterior: &MaterialPosterior) -> Self {
+    /// Computes the quantiles of a posterior.
+    pub fn of(posterior: &MaterialPosterior) -> Self {
         let (widths, shares) = (GgxWidths::new(), [0.05, 0.5, 0.95]);
         let three = |quantiles: Vec<f64>| [quantiles[0], quantiles[1], quantiles[2]];
         let alpha = posterior.ranking(|table| widths.alpha_of(table).unwrap_or(1.0)).quantiles(&shares);

@@ -7,6 +7,7 @@ use glam::Vec3;
 use gonio::estimate::{
     ALBEDO, Alignment, CONTRADICTED, Colouring, ColouringRule, Estimate, EstimateSettings, EstimateStage,
     KnownLightEstimate, Light, MAX_MISFIT, Material, estimate_known_light, estimate_with_task,
+    without_misleading_spots,
 };
 use gonio::lighting::{EnvironmentMap, LightGrid, named_light};
 use gonio::model::Model;
@@ -174,6 +175,14 @@ pub(crate) fn of_one(
     let mut observed = scene.observe(None, context.observing(settings), &mut warnings, progress_log)?;
     if let Some(ball) = settings.method.mirror_ball() {
         ball.check_apart(&observed.detection, image)?;
+    }
+    // The comparison of estimates needs the learnt posterior.
+    if settings.method.paper().is_none() && context.model.learnt.is_some() {
+        let cleaned = without_misleading_spots(&context.model, &observed.detection, scene.picture(), settings.side);
+        if let Some(cleaned) = cleaned.map_err(|error| AppError::of(image, error))? {
+            warnings.extend(cleaned.scene_warnings.last().map(|odd| scene.names.warn(odd)));
+            observed.detection = cleaned;
+        }
     }
     let mut own = Vec::new();
     let mut found = solve(context, &observed, (image, linear), settings, &mut own, progress_log)?;

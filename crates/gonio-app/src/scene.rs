@@ -271,12 +271,13 @@ impl InputNames {
         }
     }
 
-    fn warn(&self, odd: &SceneWarning) -> Warning {
+    pub(crate) fn warn(&self, odd: &SceneWarning) -> Warning {
         let text = match odd {
             SceneWarning::Depth(_)
             | SceneWarning::Clipped { .. }
             | SceneWarning::Faulty { .. }
             | SceneWarning::Outliers { .. }
+            | SceneWarning::Spots { .. }
             | SceneWarning::Isolated { .. }
             | SceneWarning::OtherColour { .. }
             | SceneWarning::Pattern { .. } => {

@@ -54,9 +54,9 @@ pub(crate) struct SceneOptions {
     /// region.
     #[arg(long, value_name = "LABELS", help_heading = FINDING)]
     pub(crate) materials: Option<PathBuf>,
-    /// Also use pixels of another colour or of a second paint
+    /// Also use pixels of another colour or of a second paint, and small spots such as dust
     ///
-    /// By default, gonio ignores paint and stickers that it can distinguish from reflections.
+    /// By default, gonio ignores those that it can distinguish from reflections.
     #[arg(long, help_heading = FINDING)]
     keep_colors: bool,
     /// Estimate although the photograph contradicts the shape or the light

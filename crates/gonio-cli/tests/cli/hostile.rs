@@ -68,7 +68,8 @@ fn limits_the_size_of_result_files() {
     vast("out/ball/posterior.json");
     bench.run("combine out/ball out/ball -o both").fails(&["posterior.json: is larger than"]);
     vast("out/ball/brdf.npz");
-    bench.run("export out/ball").fails(&["brdf.npz: is larger than"]);
+    bench.run("export out/ball").fails(&["result.json: is larger than"]);
+    bench.run("convert out/ball/brdf.npz a.binary").fails(&["brdf.npz: is larger than"]);
     bench.write("out/ball/posterior.json", "[".repeat(1 << 20).as_bytes());
     bench.run("combine out/ball out/ball -o both").fails(&["posterior.json: is not a posterior"]);
 }

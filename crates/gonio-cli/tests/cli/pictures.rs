@@ -137,3 +137,31 @@ fn ignores_paint_unless_colours_are_kept() {
     let kept = bench.run_with_pictures("infer painted.exr -o kept --grid 8 --keep-colors").succeeds();
     assert!(!kept.stderr.contains("another colour") && !bench.path("kept/used.png").exists(), "{kept:?}");
 }
+
+#[test]
+fn dust_does_not_make_a_satin_ball_glossy() {
+    let bench = Bench::new();
+    let sample = concat!(env!("CARGO_MANIFEST_DIR"), "/../../samples/ball.exr");
+    let Picture { rgb, alpha } = read(sample, &ReadOptions::default()).unwrap().picture;
+    let (width, height) = rgb.size();
+    // Soft specks as bright as the ball around them, on a spiral around its centre.
+    let specks: Vec<(f32, f32)> = (0..12)
+        .map(|i| (0.2 + 0.05 * i as f32, 2.4 * i as f32))
+        .map(|(radius, angle)| (0.5 + 0.5 * radius * angle.cos(), 0.5 + 0.5 * radius * angle.sin()))
+        .map(|(x, y)| (x * width as f32, y * height as f32))
+        .collect();
+    let dusty = Plane::from_fn(width, height, |x, y| {
+        let speck = |(u, v): &(f32, f32)| (-((x as f32 - u).powi(2) + (y as f32 - v).powi(2)) / 5.0).exp();
+        rgb[(x, y)] * (1.0 + 1.5 * specks.iter().map(speck).sum::<f32>())
+    });
+    bench.write("dusty.exr", &exr(&Picture { rgb: dusty, alpha }));
+    let roughness = |folder: &str| {
+        let result = bench.json(&format!("{folder}/result.json"));
+        result["posterior"]["highlight"]["roughness"]["50"].as_f64().unwrap()
+    };
+    let run = bench.run("infer dusty.exr -o out --grid 8").succeeds();
+    assert!(run.stderr.contains("small spots") && run.stderr.contains("--keep-colors"), "{run:?}");
+    assert!((0.34..0.5).contains(&roughness("out")), "{}", roughness("out"));
+    let kept = bench.run("infer dusty.exr -o kept --grid 8 --keep-colors").succeeds();
+    assert!(!kept.stderr.contains("small spots") && roughness("kept") < 0.25, "{} {kept:?}", roughness("kept"));
+}

@@ -232,8 +232,8 @@ def infer(
     clip : float, optional
         Radiance at which the camera clips; detected by default if many pixels share the maximum.
     keep_colors : bool, default False
-        Use regions of another colour (stickers) and a second paint as well. By default, they are
-        ignored if gonio can distinguish them from reflections.
+        Use regions of another colour (stickers), a second paint and small spots such as dust as
+        well. By default, they are ignored if gonio can distinguish them from reflections.
     force : bool, default False
         Estimate although the photograph contradicts the shape or the light. By default, a mesh whose
         silhouette is not that of the object and a relative RMS residual of the photograph above

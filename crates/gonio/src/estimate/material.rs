@@ -196,6 +196,10 @@ impl<'a> MaterialDraft<'a> {
         .seen(equivalent))
     }
 
+    pub(super) fn posterior(&self) -> &MaterialPosterior {
+        &self.posterior
+    }
+
     /// Wraps a posterior; `scatter` is that of its photographs.
     pub(super) fn with(learnt: &'a LearntPosterior, scatter: f64, posterior: MaterialPosterior) -> Self {
         let (table, scale) = posterior.mean.with_normal_albedo(ALBEDO);

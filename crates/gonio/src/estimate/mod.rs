@@ -17,6 +17,7 @@ mod light;
 mod material;
 mod misfit;
 mod regions;
+mod spots;
 #[cfg(test)]
 mod tests;
 
@@ -35,6 +36,7 @@ pub use light::{Light, LightEstimator};
 pub use material::{ALBEDO, Material, QUANTILE_LEVELS, draws, predictive_draws};
 pub use misfit::{CONTRADICTED, MAX_MISFIT, Reason, expected_misfit};
 pub use regions::{RegionEstimate, estimate_regions, irradiance};
+pub use spots::without_misleading_spots;
 
 use crate::inference::ProductError;
 use crate::inference::known_light::KnownLightError;

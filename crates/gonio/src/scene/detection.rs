@@ -10,6 +10,7 @@ use super::components::{flood, largest_component};
 use super::consistency::refined;
 use super::flat_background::flat_background;
 use super::observed::{COVERED, check_size};
+use super::spots::{WithoutSpots, without_spots};
 use super::view::has_normal;
 use super::{
     Circle, Ellipse, ObservationSettings, Observations, Orientation, OutlineReliability, PixelStatus, SceneError,
@@ -119,6 +120,7 @@ pub struct Detection {
     pub placed: Option<PosedSurface>,
     /// Width and height of the picture.
     size: (usize, usize),
+    settings: ObservationSettings,
     /// How the normals were observed, if they are inaccurate.
     inaccurate: Option<Inaccurate>,
     /// Number of pixels that show the surface, and number of those that are back-facing, if a
@@ -134,7 +136,6 @@ struct Inaccurate {
     /// Expected error of a normal, in radians.
     error: f64,
     camera: Option<Camera>,
-    settings: ObservationSettings,
 }
 
 impl Detection {
@@ -218,6 +219,37 @@ impl Detection {
         Ok(detection)
     }
 
+    /// Returns the detection without the small spots of a distant ball, such as dust, scratches and
+    /// print: they are replaced by the median of their surroundings. Returns `None` for other
+    /// shapes, without spots, and if [`ObservationSettings::keep_colours`] is set.
+    ///
+    /// Reflections of small lamps can look like spots. Use the result only if the spots mislead the
+    /// estimate ([`without_misleading_spots`](crate::estimate::without_misleading_spots)).
+    #[must_use]
+    pub fn without_spots(&self, picture: &Picture) -> Option<Self> {
+        let circle = self.circle().filter(|_| !self.settings.keep_colours)?;
+        let statuses = self.observations.statuses.as_ref();
+        let used = Plane::from_fn(self.size.0, self.size.1, |x, y| match statuses {
+            Some(statuses) => statuses[(x, y)] == PixelStatus::Used,
+            None => self.contains(x, y) && self.coverage.as_ref().is_none_or(|coverage| coverage[(x, y)] >= COVERED),
+        });
+        let WithoutSpots { rgb, count } = without_spots(&picture.rgb, &used, circle.radius)?;
+        let cleaned = Picture { rgb, alpha: picture.alpha.clone() };
+        let observations = Observations::of_sphere(&cleaned, &circle, self.coverage.as_ref(), &self.settings).ok()?;
+        let mut scene_warnings = self.scene_warnings.clone();
+        scene_warnings.push(SceneWarning::Spots { count });
+        Some(Self {
+            observations,
+            coverage: self.coverage.clone(),
+            shape: self.shape.clone(),
+            normals: None,
+            placed: None,
+            inaccurate: None,
+            scene_warnings,
+            ..*self
+        })
+    }
+
     /// Refines inaccurate normals by the brightness of the pixels. Normals are inaccurate if they
     /// are inflated from an outline, or if their map has an [error](NormalPicture::error) and no
     /// relief.
@@ -227,7 +259,9 @@ impl Detection {
     /// misfit. Returns `None` for accurate normals, and if too few pixels remain.
     #[must_use]
     pub fn refined(&self, picture: &Picture) -> Option<Self> {
-        let (Some(Inaccurate { error, camera, settings }), Some(normals)) = (&self.inaccurate, &self.normals) else {
+        let (Some(Inaccurate { error, camera }), Some(normals), settings) =
+            (&self.inaccurate, &self.normals, &self.settings)
+        else {
             return None;
         };
         let statuses = self.observations.statuses.as_ref();
@@ -253,6 +287,7 @@ impl Detection {
             normals: Some(normals),
             estimated_normals: true,
             size: self.size,
+            settings: self.settings,
             placed: None,
             inaccurate: None,
             pixels: self.pixels,
@@ -362,7 +397,7 @@ impl Detector<'_> {
         let normals = inflation.normals();
         let view = SurfaceView { normals: &normals, camera: None, distances: None };
         let observations = Observations::of_view(self.picture, &view, self.coverage.as_ref(), self.settings)?;
-        let inaccurate = Some(Inaccurate { error: INFLATED, camera: None, settings: *self.settings });
+        let inaccurate = Some(Inaccurate { error: INFLATED, camera: None });
         let picture = self.picture;
         let detection = Detection {
             normals: Some(normals),
@@ -400,7 +435,7 @@ impl Detector<'_> {
         let detection = Detection {
             normals: Some(normals),
             placed,
-            inaccurate: is_inaccurate.then_some(Inaccurate { error, camera, settings: *self.settings }),
+            inaccurate: is_inaccurate.then_some(Inaccurate { error, camera }),
             scene_warnings,
             ..self.detection(observations, DetectedShape::Normals(soundness))
         };
@@ -432,6 +467,7 @@ impl Detector<'_> {
             normals: None,
             estimated_normals: false,
             size: self.picture.rgb.size(),
+            settings: *self.settings,
             placed: None,
             inaccurate: None,
             pixels: None,

@@ -46,6 +46,7 @@ mod scene_warning;
 mod shading;
 mod shadowed;
 mod small;
+mod spots;
 mod status;
 mod thinned;
 mod view;

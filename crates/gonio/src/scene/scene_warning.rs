@@ -68,6 +68,11 @@ pub enum SceneWarning {
         /// Ratio of its reflectance to that of the larger part (luminance).
         ratio: f64,
     },
+    /// Small spots are ignored, because they mislead the estimate.
+    Spots {
+        /// Number of spots.
+        count: usize,
+    },
     /// Regions of another colour are ignored.
     OtherColour {
         /// Number of pixels of another colour.
@@ -92,7 +97,7 @@ impl SceneWarning {
         match self {
             Self::Depth(_) => vec![Suggestion::DepthAxis],
             Self::Contradiction(it) => vec![it.suggestion()],
-            Self::OtherColour { .. } | Self::Pattern { .. } => vec![Suggestion::KeepColours],
+            Self::OtherColour { .. } | Self::Pattern { .. } | Self::Spots { .. } => vec![Suggestion::KeepColours],
             _ => Vec::new(),
         }
     }
@@ -152,6 +157,11 @@ impl fmt::Display for SceneWarning {
                 f,
                 "the object has two paints; gonio estimates the one that covers more, and ignores {pixels} of {observed} \
                  pixels on or near the other, which reflects {ratio:.2} times as much light"
+            ),
+            Self::Spots { count } => write!(
+                f,
+                "gonio ignores {count} small spots on the object, such as dust, scratches or print, because they would \
+                 make the estimate too glossy; clean the object, or specify a mask without them"
             ),
             Self::OtherColour { pixels, observed } => {
                 write!(

@@ -50,29 +50,25 @@ pub(super) fn without_spots(rgb: &Plane<Vec3>, used: &Plane<bool>, radius: f64) 
     let radius = radius / step as f64;
     let window = (WINDOW * radius).round() as usize | 1;
     let spots = Spots::of(&colours, &used, window, (RIM * radius).ceil().max(2.0) as usize)?;
-    let (width, height) = rgb.size();
-    let mut out = rgb.clone();
     let replaced = spots.within.as_slice().iter().filter(|within| **within).count();
     if replaced as f64 > MAX_SHARE * used.as_slice().iter().filter(|used| **used).count() as f64 {
         return None;
     }
-    for y in 0..height {
-        for x in 0..width {
-            let at = (x / step, y / step);
-            if at.0 < colours.width() && at.1 < colours.height() && spots.within[at] {
-                let unspotted = |at: &(usize, usize)| used[*at] && !spots.within[*at];
-                let around = || around(at, window, colours.size()).filter(unspotted);
-                if let (Some(r), Some(g), Some(b)) = (
-                    median(around().map(|at| colours[at].x)),
-                    median(around().map(|at| colours[at].y)),
-                    median(around().map(|at| colours[at].z)),
-                ) {
-                    out[(x, y)] = Vec3::new(r, g, b);
-                }
-            }
+    let size = colours.size();
+    let fill = Plane::from_fn(size.0, size.1, |x, y| {
+        let unspotted = |at: &(usize, usize)| used[*at] && !spots.within[*at];
+        let channel = |c: usize| median(around((x, y), window, size).filter(unspotted).map(|at| colours[at][c]));
+        if !spots.within[(x, y)] {
+            return None;
         }
-    }
-    Some(WithoutSpots { rgb: out, count: spots.count })
+        Some(Vec3::new(channel(0)?, channel(1)?, channel(2)?))
+    });
+    let filled = |x: usize, y: usize| {
+        let at = (x / step, y / step);
+        (at.0 < size.0 && at.1 < size.1).then(|| fill[at]).flatten()
+    };
+    let rgb = Plane::from_fn(rgb.width(), rgb.height(), |x, y| filled(x, y).unwrap_or(rgb[(x, y)]));
+    Some(WithoutSpots { rgb, count: spots.count })
 }
 
 /// Averages blocks of `step` x `step` pixels; a block is used if all its pixels are.
@@ -96,7 +92,7 @@ fn around(
     range(y, height).flat_map(move |v| range(x, width).map(move |u| (u, v)))
 }
 
-/// Returns the pixels at a city-block distance of at most `steps` from `set`.
+/// Returns the pixels at most `steps` rows and columns away from `set`, in order.
 fn dilated(set: &[(usize, usize)], steps: usize, size: (usize, usize)) -> Vec<(usize, usize)> {
     let mut all: std::collections::BTreeSet<(usize, usize)> = set.iter().copied().collect();
     let mut edge = set.to_vec();

@@ -24,6 +24,30 @@ pub(super) fn border((width, height): (usize, usize)) -> impl Iterator<Item = (u
     })
 }
 
+/// Returns the `open` pixels connected to an open pixel `seed`, and marks them as visited. Visited
+/// pixels are closed.
+pub(super) fn component(
+    seed: (usize, usize),
+    visited: &mut Plane<bool>,
+    diagonals: bool,
+    open: impl Fn((usize, usize)) -> bool,
+) -> Vec<(usize, usize)> {
+    let size = visited.size();
+    let mut part = vec![seed];
+    visited[seed] = true;
+    let mut next = 0;
+    while next < part.len() {
+        for at in neighbours(part[next], size, diagonals) {
+            if !visited[at] && open(at) {
+                visited[at] = true;
+                part.push(at);
+            }
+        }
+        next += 1;
+    }
+    part
+}
+
 /// Marks in `reached` all pixels connected to `seeds` through `open` pixels; returns their number.
 pub(super) fn flood(
     reached: &mut Plane<bool>,
@@ -31,22 +55,10 @@ pub(super) fn flood(
     diagonals: bool,
     open: impl Fn((usize, usize)) -> bool,
 ) -> usize {
-    let size = reached.size();
-    let mut stack = Vec::new();
     let mut count = 0;
     for seed in seeds {
         if open(seed) && !reached[seed] {
-            reached[seed] = true;
-            stack.push(seed);
-        }
-        while let Some(at) = stack.pop() {
-            count += 1;
-            for next in neighbours(at, size, diagonals) {
-                if !reached[next] && open(next) {
-                    reached[next] = true;
-                    stack.push(next);
-                }
-            }
+            count += component(seed, reached, diagonals, &open).len();
         }
     }
     count

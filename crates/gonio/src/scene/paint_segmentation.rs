@@ -20,7 +20,7 @@
 use glam::{DVec2, DVec3, Vec3};
 
 use super::cells::{Cells, SurfaceGeometry};
-use super::components::{fill_holes, neighbours};
+use super::components::{component, fill_holes, neighbours};
 use crate::picture::Plane;
 use crate::statistics::quantile;
 
@@ -191,21 +191,9 @@ fn label(cells: &Cells, stepped: &Plane<bool>) -> (Plane<u32>, Vec<usize>) {
         if !open(at) || visited[at] {
             continue;
         }
-        let number = sizes.len() as u32;
-        let mut stack = vec![at];
-        let mut count = 0;
-        visited[at] = true;
-        while let Some(at) = stack.pop() {
-            labels[at] = number;
-            count += 1;
-            for next in neighbours(at, size, false) {
-                if open(next) && !visited[next] {
-                    visited[next] = true;
-                    stack.push(next);
-                }
-            }
-        }
-        sizes.push(count);
+        let region = component(at, &mut visited, false, open);
+        region.iter().for_each(|at| labels[*at] = sizes.len() as u32);
+        sizes.push(region.len());
     }
     (labels, sizes)
 }

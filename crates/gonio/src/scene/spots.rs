@@ -7,7 +7,7 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::components::neighbours;
+use super::components::{component, neighbours};
 use crate::picture::{Plane, luminance};
 use crate::statistics::{median, quantile};
 
@@ -147,7 +147,7 @@ impl Spots {
                 if visited[(x, y)] || !differs((x, y)) {
                     continue;
                 }
-                let part = component((x, y), &mut visited, differs);
+                let part = component((x, y), &mut visited, true, differs);
                 if is_spot(&part, &differences, &bright, window, brightest) {
                     pixels.extend(part);
                     count += 1;
@@ -158,28 +158,6 @@ impl Spots {
         dilated(&pixels, MARGIN, size).into_iter().for_each(|at| within[at] = true);
         (count > 0).then_some(Self { within, count })
     }
-}
-
-/// Returns the 8-connected component of a pixel, and marks it as visited.
-fn component(
-    seed: (usize, usize),
-    visited: &mut Plane<bool>,
-    open: impl Fn((usize, usize)) -> bool,
-) -> Vec<(usize, usize)> {
-    let size = visited.size();
-    let mut part = vec![seed];
-    visited[seed] = true;
-    let mut next = 0;
-    while next < part.len() {
-        for at in neighbours(part[next], size, true) {
-            if !visited[at] && open(at) {
-                visited[at] = true;
-                part.push(at);
-            }
-        }
-        next += 1;
-    }
-    part
 }
 
 /// Whether a component of differing pixels is a spot.

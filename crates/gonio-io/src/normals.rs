@@ -7,14 +7,15 @@
 //! * PNG, TIFF and JPEG with the usual encoding, `n = 2 v - 1` for `v` in 0..=1; float TIFF with
 //!   plain components.
 //!
-//! Float files in the encoding of integers are recognised by the lengths of their normals. Normals
-//! of lengths from 0.5 to 1.3 become unit vectors. The caller decides how to treat the others and
-//! normals that face away from the camera.
+//! Float files and arrays may have plain components, or the encoding of integers in 0..=1, 0..=255
+//! or 0..=65535, also with the sRGB curve removed by mistake. gonio selects the encoding that gives
+//! the most unit vectors. Normals of lengths from 0.5 to 1.3 become unit vectors. The caller
+//! decides how to treat the others and normals that face away from the camera.
 
 use std::path::Path;
 
 use glam::Vec3;
-use gonio::picture::Plane;
+use gonio::picture::{Plane, srgb_encode};
 
 use crate::picture::{self, Decoded, Encoding, Format, ReadOptions, Selection};
 use crate::{Error, guard, npy};
@@ -112,19 +113,24 @@ fn from_picture(decoded: Decoded) -> Plane<Vec3> {
     normals
 }
 
+/// Conversions of encoded components to codes in 0..=1.
+const CODES: [fn(Vec3) -> Vec3; 4] =
+    [|v| v, |v| v / 255.0, |v| v / 65535.0, |v| Vec3::from(v.to_array().map(srgb_encode))];
+
 /// Converts float components, either plain or in the encoding of integers.
 fn floats(normals: Plane<Vec3>) -> Plane<Vec3> {
     let is_unit = |n: Vec3| (n.length() - 1.0).abs() < UNIT_SLACK;
-    let (mut plain, mut in_code, mut seen) = (0_usize, 0_usize, 0_usize);
-    for &n in normals.as_slice().iter().filter(|n| n.is_finite() && **n != Vec3::ZERO) {
-        seen += 1;
-        plain += usize::from(is_unit(n));
-        in_code += usize::from(n.min_element() >= 0.0 && n.max_element() <= 1.0 && is_unit(2.0 * n - 1.0));
-    }
+    let in_range = |code: Vec3| code.min_element() >= 0.0 && code.max_element() <= 1.0;
+    let surface: Vec<Vec3> = normals.as_slice().iter().copied().filter(|n| n.is_finite() && *n != Vec3::ZERO).collect();
+    let plain = surface.iter().filter(|n| is_unit(**n)).count();
+    let units =
+        CODES.map(|code| surface.iter().map(|n| code(*n)).filter(|c| in_range(*c) && is_unit(2.0 * c - 1.0)).count());
+    // The first one is taken if several are equal.
+    let (code, &coded_units) = CODES.iter().zip(&units).rev().max_by_key(|(_, units)| **units).expect("there are four");
     // Background pixels may have any value, but most normals of the surface have length one.
-    let decode = in_code > 2 * plain && 4 * in_code > seen;
+    let decode = coded_units > 2 * plain && 4 * coded_units > surface.len();
     normals.map(|&n| match n.is_finite() {
-        true if decode => coded(n),
+        true if decode => coded(code(n)),
         true => renormalised(n),
         false => Vec3::ZERO,
     })
@@ -191,6 +197,10 @@ mod tests {
         let plain = sphere(|n| n);
         let same = |other: Vec<Vec3>| plain.iter().zip(&other).all(|(a, b)| (*a - *b).length() < 1e-5);
         assert!(same(sphere(|n| 0.5 * n + 0.5)));
+        assert!(same(sphere(|n| 127.5 * n + 127.5)));
+        assert!(same(sphere(|n| 32767.5 * n + 32767.5)));
+        let decoded = sphere(|n| Vec3::from((0.5 * n + 0.5).to_array().map(gonio::picture::srgb_decode)));
+        assert!(plain.iter().zip(&decoded).all(|(a, b)| (*a - *b).length() < 1e-3), "{decoded:?}");
         assert!(same(sphere(|n| 0.8 * n)));
         assert!(!same(sphere(|n| 0.3 * n)), "lengths far from one are not changed");
     }

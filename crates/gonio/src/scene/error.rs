@@ -124,8 +124,8 @@ pub enum SceneError {
     },
     /// Too many normals face away from the camera.
     #[error(
-        "{count} of {covered} visible normals face away from the camera; check that y and z are not flipped (x \
-         points right, y up, z towards the camera)"
+        "{count} of {covered} visible normals face away from the camera; use normals in camera space (x right, y up, z \
+         towards the camera), and check that no axis is flipped"
     )]
     FacingAway {
         /// Unit normals with `z <= 0`.

@@ -119,7 +119,7 @@ fn rejects_faulty_maps() {
     assert!(long.to_string().contains("worst length 1.25"), "{long}");
     let flipped = refused(&with(|_, n| n * Vec3::new(1.0, 1.0, -1.0)));
     assert!(matches!(flipped, SceneError::FacingAway { count, covered } if count == covered), "{flipped}");
-    assert!(flipped.to_string().contains("check that y and z are not flipped"));
+    assert!(flipped.to_string().contains("check that no axis is flipped"));
     assert_eq!(refused(&with(|_, _| Vec3::Z)), SceneError::TooFlat { directions: 1, min: 50 });
     let few = refused(&Plane::from_fn(6, 6, |_, _| Vec3::Z));
     assert!(matches!(few, SceneError::TooFewPoints { used: 36, .. }), "{few}");

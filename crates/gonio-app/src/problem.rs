@@ -151,4 +151,53 @@ mod tests {
         assert_eq!(warning.worded(&words), "odd; give Linear");
         assert_eq!(Warning::from("odd".to_owned()).worded(&words), "odd");
     }
+
+    #[test]
+    fn the_page_of_warnings_describes_every_warning() {
+        use gonio::estimate::{Diagnostic as D, Reason};
+        use gonio::scene::SceneWarning as W;
+        let misfit = |reason| D::Misfit { misfit: 0.3, expected: 0.1, reason };
+        let diagnostics = [
+            D::Filled(0.5),
+            D::OutOfDistribution(0.5),
+            D::Undetermined(0.5),
+            D::Colours(0.5),
+            D::Scatter(0.5),
+            D::LightRotated([1.0, 0.0, 0.0]),
+            D::Clipped { gain: 2.0, sd: 0.1 },
+            D::Coarse(3.0),
+            D::Channel { channel: 0, misfit: 0.3 },
+            misfit(Reason::Texture),
+            misfit(Reason::Light),
+        ];
+        let (pixels, observed) = (10, 100);
+        let warnings = [
+            W::Misplaced { overlap: 0.9 },
+            W::Inside { inside: 10, visible: 100 },
+            W::Depth(10.0),
+            W::FlatBackground { pixels },
+            W::Clipped { clipped: 10, observed },
+            W::Faulty { negative: 10, not_finite: 0, observed },
+            W::Outliers { outliers: 10, observed },
+            W::Isolated { isolated: 10, observed },
+            W::Pattern { pixels, observed, ratio: 2.0 },
+            W::Spots { count: 3 },
+            W::OtherColour { pixels, observed },
+        ];
+        let texts: Vec<String> =
+            diagnostics.iter().map(D::to_string).chain(warnings.iter().map(W::to_string)).collect();
+        // Each entry of the page begins with words of its warning in bold.
+        let page = include_str!("../../../docs/warnings.md");
+        let entries: Vec<String> = page
+            .split("\n\n")
+            .filter_map(|part| Some(part.strip_prefix("**")?.split_once("**")?.0.replace('\n', " ")))
+            .collect();
+        for text in &texts {
+            assert!(entries.iter().any(|entry| text.contains(entry)), "{text}");
+        }
+        // The axes of normals and 8-bit photographs are tested elsewhere.
+        let known = |entry: &String| texts.iter().any(|text| text.contains(entry));
+        let others: Vec<&String> = entries.iter().filter(|entry| !known(entry)).collect();
+        assert_eq!(others, ["seem to have", "decoded as sRGB"]);
+    }
 }

@@ -91,7 +91,7 @@ pub(crate) fn run(options: &CheckOptions) -> Result<Outcome> {
     let mut fields = checked.notes();
     fields["output"] = json!(output);
     fields["image"] = json!(name);
-    Ok(Outcome::new(text, fields).warning(suggestion::worded(&checked.warnings)))
+    Ok(Outcome::new(text, fields).described_warnings(suggestion::worded(&checked.warnings)))
 }
 
 /// Describes the reference in a photograph in one line.

@@ -392,7 +392,7 @@ pub(crate) fn run(options: &InferOptions) -> Result<Outcome> {
         text += &format!("\n{}", material.verdict());
     }
     text += &albedo_by_reference(answer.document.reference.as_ref());
-    Ok(Outcome::of_result(text, &output, &answer.document).warning(answer.warnings))
+    Ok(Outcome::of_result(text, &output, &answer.document).described_warnings(answer.warnings))
 }
 
 /// Returns the line on the albedo from a reference; empty if there is no reference with a scale.
@@ -426,7 +426,7 @@ fn write_regions(
     for region in &several.regions {
         warnings.extend(region.result.warnings.iter().map(|warning| format!("region {}: {warning}", region.name)));
     }
-    let mut outcome = Outcome::new(text, json!({ "output": output })).warning(warnings);
+    let mut outcome = Outcome::new(text, json!({ "output": output })).described_warnings(warnings);
     outcome.fields.extend([("regions".to_owned(), json!(several.document.regions))]);
     Ok(outcome)
 }

@@ -26,6 +26,8 @@ pub(crate) struct Outcome {
     pub(crate) text: String,
     /// Warnings, one line each.
     pub(crate) warnings: Vec<String>,
+    /// Whether docs/warnings.md describes the warnings.
+    described: bool,
     /// Results by name, for `--json`.
     pub(crate) fields: Map<String, Value>,
 }
@@ -34,7 +36,7 @@ impl Outcome {
     /// Creates an outcome without warnings.
     pub(crate) fn new(text: impl Into<String>, fields: Value) -> Self {
         let fields = if let Value::Object(fields) = fields { fields } else { Map::new() };
-        Self { text: text.into(), warnings: Vec::new(), fields }
+        Self { text: text.into(), warnings: Vec::new(), described: false, fields }
     }
 
     /// Creates an outcome with the sections of a result that summarise it, and the folder of the
@@ -52,6 +54,11 @@ impl Outcome {
         self
     }
 
+    /// Adds warnings that docs/warnings.md describes.
+    pub(crate) fn described_warnings(self, warnings: Vec<String>) -> Self {
+        Self { warnings, described: true, ..self }
+    }
+
     /// Prints text to standard output, then warnings to standard error. If `json`, prints one
     /// object with warnings and fields to standard output instead.
     pub(crate) fn print(mut self, json: bool) {
@@ -61,6 +68,9 @@ impl Outcome {
         } else if !is_quiet() {
             println!("{}", lines(&self.text));
             self.warnings.iter().for_each(|warning| eprintln!("warning: {}", one_line(warning)));
+            if self.described && !self.warnings.is_empty() {
+                eprintln!("docs/warnings.md lists causes and remedies");
+            }
         }
     }
 }

@@ -93,7 +93,8 @@ impl Report<'_> {
     /// Recommends how to narrow wide intervals.
     fn next_step(&self) -> Markup {
         let is_wide = self.subject.material.is_some_and(|material| material.peak_factor() > WIDE);
-        let first = if self.warnings.is_empty() { "" } else { "First remove the causes of the warnings. " };
+        let first =
+            if self.warnings.is_empty() { "" } else { "First remove the causes of the warnings (docs/warnings.md). " };
         html! {
             @if is_wide {
                 p.note {

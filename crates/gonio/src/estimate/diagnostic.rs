@@ -106,13 +106,13 @@ impl fmt::Display for Diagnostic {
                 100.0 * left,
                 100.0 * expected,
                 match reason {
-                    Reason::Texture => "strong texture and noise",
+                    Reason::Texture => "strong texture, scratches, dust and noise",
                     Reason::Light =>
                         "a light map that is rotated, clipped, too coarse or from another place, several materials, \
                          self-shadowing, and a misaligned outline or normal map",
                     Reason::Regions =>
-                        "a wrong camera or pose, a misaligned outline or normal map, several materials, self-shadowing, \
-                         and nearby lights",
+                        "a misaligned outline or normal map, a wrong camera or pose, several materials, dust or print, \
+                         self-shadowing, nearby lights, and a tone-mapped photograph",
                 }
             ),
             Self::Channel { channel, misfit: left } => write!(

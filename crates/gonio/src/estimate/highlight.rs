@@ -37,26 +37,33 @@ pub enum Finish {
 }
 
 impl Finish {
-    /// Returns the finish of a surface with this roughness and these gloss units at 60 degrees: the
-    /// duller of the two finishes that they imply.
-    ///
-    /// A rough highlight is dull even if the surface reflects much light, and so is a sharp
-    /// highlight that is hardly brighter than the body.
-    fn of(roughness: f64, units: f64) -> Self {
-        let by_roughness = match roughness {
+    /// Returns the finish that a roughness implies.
+    fn of_roughness(roughness: f64) -> Self {
+        match roughness {
             r if r < 0.1 => Self::Mirror,
             r if r < 0.25 => Self::Gloss,
             r if r < 0.4 => Self::SemiGloss,
             r if r < 0.6 => Self::Satin,
             _ => Self::Matte,
-        };
-        let by_units = match units {
+        }
+    }
+
+    /// Returns the finish that gloss units at 60 degrees imply.
+    fn of_units(units: f64) -> Self {
+        match units {
             units if units < 10.0 => Self::Matte,
             units if units < 35.0 => Self::Satin,
             units if units < 70.0 => Self::SemiGloss,
             _ => Self::Mirror,
-        };
-        by_roughness.min(by_units)
+        }
+    }
+
+    /// Returns the duller of the two finishes that roughness and gloss units at 60 degrees imply.
+    ///
+    /// A rough highlight is dull even if the surface reflects much light, and so is a sharp
+    /// highlight that is hardly brighter than the body.
+    fn of(roughness: f64, units: f64) -> Self {
+        Self::of_roughness(roughness).min(Self::of_units(units))
     }
 
     /// Returns the name of the finish.
@@ -69,6 +76,13 @@ impl Finish {
             Self::Mirror => "mirror",
         }
     }
+}
+
+/// Describes the finish of a surface with this roughness and these gloss units at 60 degrees.
+fn in_words(roughness: f64, units: f64) -> String {
+    let finish = Finish::of(roughness, units);
+    let is_weak = Finish::of_roughness(roughness) as u8 > finish as u8 + 1;
+    format!("{}{}", finish.name(), if is_weak { " with a sharp, weak highlight" } else { "" })
 }
 
 impl Highlight {
@@ -125,9 +139,10 @@ impl Material {
         let factor = self.peak_factor();
         let how = if factor > WIDE { "uncertain by" } else { "known to" };
         let digits = usize::from(factor < 9.95);
+        let [_, at_60] = self.highlight.units;
         format!(
             "{}: roughness {roughness:.2} ({sharp:.2} to {dull:.2}); peak height {how} a factor of {factor:.digits$}",
-            self.finish().name()
+            in_words(roughness, at_60[1])
         )
     }
 }
@@ -147,5 +162,7 @@ mod tests {
         let names = [2.0, 20.0, 50.0, 70.0].map(|units| Finish::of(0.18, units).name());
         assert_eq!(names, ["matte", "satin", "semi-gloss", "gloss"]);
         assert_eq!(Finish::of(0.5, 1000.0), Finish::Satin);
+        assert_eq!(in_words(0.08, 20.0), "satin with a sharp, weak highlight");
+        assert_eq!([in_words(0.3, 20.0), in_words(0.18, 70.0)], ["satin", "gloss"]);
     }
 }

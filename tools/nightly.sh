@@ -6,8 +6,9 @@
 # 1. the fit of all measured materials against Cook-Torrance (requires GONIO_DATA);
 # 2. kills, small disks, crowds of processes, and threads (the ignored tests of gonio-cli);
 # 3. the interactive sphere of the report against brute-force integration, in Chromium;
-# 4. the Blender add-on in Blender;
-# 5. each fuzz target for SECONDS (60 by default; requires a nightly toolchain).
+# 4. the page that infers in a browser, in Chromium;
+# 5. the Blender add-on in Blender;
+# 6. each fuzz target for SECONDS (60 by default; requires a nightly toolchain).
 #
 # Run .ci/run first, which installs the packages.
 set -euo pipefail
@@ -35,12 +36,21 @@ page="$(mktemp -d)/viewer.html"
 "$python/bin/python" $browser/viewer_example.py "$page"
 node $browser/viewer.mjs "$page"
 
+echo "== page of the browser"
+cargo build -p gonio-cli -p shared-features
+cargo test -p xtask --features web
+pages="$(mktemp -d)"
+cargo run -p xtask --features web -- web -o "$pages/web"
+target/debug/gonio infer samples/ball.exr -o "$pages/ball"
+target/debug/gonio export "$pages/ball" --to merl -o "$pages/merl"
+# Drops the sample on the page, and compares its BRDF with that of the program.
+node crates/gonio-web/tests/check.mjs "$pages/web/index.html" samples/ball.exr "$pages/merl/brdf.binary"
+
 echo "== Blender"
 # The module bpy 4.5 requires Python 3.11.
 blender="${BLENDER_VENV:-$PWD/target/blender-venv}"
 [ -x "$blender/bin/pip" ] || python3.11 -m venv "$blender"
 "$blender/bin/pip" install --quiet --disable-pip-version-check bpy==4.5.15
-cargo build -p gonio-cli -p shared-features
 "$blender/bin/python" crates/gonio-cli/tests/exports/addon.py target/debug/gonio samples/ball.exr
 
 echo "== fuzz"

@@ -14,7 +14,7 @@ seconds=${4:-300} runs=${5:-1000000} processes=${6:-$(nproc)}
 mkdir -p "$out"; out=$(realpath "$out")
 
 # Slow targets start first, split among several processes, so that none runs alone at the end.
-order="results results results results picture picture normals normals cache mesh_gltf mesh_ply"
+order="results results results results picture picture normals normals mesh_gltf mesh_ply"
 # Otherwise, decoders would start threads for each input.
 export RAYON_NUM_THREADS=1
 

@@ -22,7 +22,6 @@ mod mask;
 mod mirror;
 mod paper;
 pub mod photograph;
-pub mod plan;
 mod probe;
 mod problem;
 mod progress_log;

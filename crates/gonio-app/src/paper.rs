@@ -1,18 +1,14 @@
 //! Runs a method of the paper, and converts its estimate to sections of the result.
 
-use std::cell::{Cell, RefCell};
-
 use gonio::estimate::ALBEDO;
 use gonio::inference::MODEL_ERROR;
 use gonio::lighting::{EnvironmentMap, LightGrid};
 use gonio::model::Model;
 use gonio::reflectance::BivariateTable;
 use gonio::scene::Observations;
-use gonio_io::cache::Cache;
 use gonio_io::result::{Cost, Exposure, Light, Reflectance, Residual, ResultDocument, SettingsSection, Transfer};
 use gonio_paper::{PaperEstimate, PaperMethod, PaperSettings, PaperStage, estimate};
 
-use crate::plan::{PlanOrigin, load_or_build};
 use crate::{AppError, ProgressLog, Settings, Warning, document};
 
 /// Result of a method of the paper.
@@ -27,7 +23,7 @@ pub(crate) struct PaperResult {
     pub(crate) document: ResultDocument,
 }
 
-/// Runs a method of the paper on the observations of `image`, with plans from the user's cache.
+/// Runs a method of the paper on the observations of `image`.
 pub(crate) fn infer(
     (model, image): (&Model, &str),
     (settings, paper): (&Settings<'_>, &PaperSettings),
@@ -43,25 +39,7 @@ pub(crate) fn infer(
         };
         progress_log.report(name, x);
     };
-    let (cache, origin, failed) = (Cache::user(), Cell::new(None), RefCell::new(None));
-    let found = estimate(
-        model,
-        observations,
-        known,
-        paper,
-        &|points, tables, prior, settings| {
-            let progress = |x| report(PaperStage::Plan, x);
-            let (plan, from, error) = load_or_build(cache.as_ref(), points, tables, prior, settings, &progress)?;
-            origin.set(Some(from));
-            *failed.borrow_mut() = error;
-            Ok(plan)
-        },
-        &report,
-    )
-    .map_err(|error| AppError::of(image, error))?;
-    if let Some(error) = failed.into_inner() {
-        warnings.push(format!("the light transport plan was not cached: {error}").into());
-    }
+    let found = estimate(model, observations, known, paper, &report).map_err(|error| AppError::of(image, error))?;
     warnings.extend(found.diagnostics().iter().map(|diagnostic| Warning::of(image, diagnostic)));
     let document = ResultDocument {
         settings: SettingsSection {
@@ -76,13 +54,6 @@ pub(crate) fn infer(
         },
         transfer: Some(Transfer {
             light: settings.method.light().map(|light| light.name("the light")),
-            plan: origin.get().map(|origin| {
-                match origin {
-                    PlanOrigin::Cache => "cache",
-                    PlanOrigin::Built => "built",
-                }
-                .to_owned()
-            }),
             rank: known.is_none().then_some(found.rows),
             truncated_prior_energy: found.projection.map(|loss| loss.of_prior),
             unexplained_energy: found.projection.map(|loss| loss.of_image),

@@ -1,10 +1,11 @@
-//! Bases of reflectance of several ranks, trained once and then kept in the user's cache.
+//! Bases of reflectance of several ranks, trained once and then kept in the cache.
 
 use anyhow::{Context, Result};
 use gonio::reflectance::{BivariateTable, ReflectanceBasis};
-use gonio_io::cache::Cache;
 use gonio_paper::training::{TrainReport, TrainSettings, train};
 use serde::{Deserialize, Serialize};
+
+use crate::cache::Cache;
 
 /// Version of the training, part of every cache key. Raise it when training gives different results
 /// for the same input.
@@ -20,22 +21,20 @@ pub(crate) struct Trained {
 impl Trained {
     /// Trains on the materials, or loads the basis from the cache if it was trained before.
     pub(crate) fn load_or_train(
-        cache: Option<&Cache>,
+        cache: &Cache,
         materials: &[(String, BivariateTable)],
         settings: &TrainSettings,
     ) -> Result<Self> {
         let key = key(&what(), settings, materials)?;
         let rank = settings.nmf.rank;
-        let stored = cache.and_then(|c| c.load(&key)).and_then(|bytes| serde_json::from_slice::<Self>(&bytes).ok());
+        let stored = cache.load(&key).and_then(|bytes| serde_json::from_slice::<Self>(&bytes).ok());
         // Guards against bytes that were stored under a wrong name by hand.
         if let Some(found) = stored.filter(|t| t.basis.len() == rank && t.report.fits.len() == materials.len()) {
             return Ok(found);
         }
         let (basis, report) = train(materials, settings).with_context(|| format!("basis of rank {rank}"))?;
         let trained = Self { basis, report };
-        if let Some(Err(error)) = cache.map(|c| c.store(&key, &serde_json::to_vec(&trained).unwrap_or_default())) {
-            eprintln!("cannot store the basis in the cache: {error}");
-        }
+        cache.store(&key, &serde_json::to_vec(&trained)?)?;
         Ok(trained)
     }
 }
@@ -75,9 +74,9 @@ mod tests {
         let settings = TrainSettings { nmf, ..TrainSettings::default() };
         let dir = tempfile::tempdir().unwrap();
         let cache = Cache::at(dir.path());
-        let first = Trained::load_or_train(Some(&cache), &materials, &settings).unwrap();
+        let first = Trained::load_or_train(&cache, &materials, &settings).unwrap();
         let stored = cache.load(&key(&what(), &settings, &materials).unwrap()).unwrap();
-        let again = Trained::load_or_train(Some(&cache), &materials, &settings).unwrap();
+        let again = Trained::load_or_train(&cache, &materials, &settings).unwrap();
         assert_eq!((first.basis, first.report), (again.basis, again.report));
         assert!(!stored.is_empty());
         // A different margin or different materials give a different key.

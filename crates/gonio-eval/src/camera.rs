@@ -9,17 +9,17 @@
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Result, bail};
 use glam::DQuat;
 use gonio::appearance::DiskImage;
 use gonio::inference::learnt::LearntPosterior;
 use gonio::reflectance::BivariateTable;
 use gonio::render::Relighter;
 use gonio::simulation::{LightKind, PhotographEffects, SceneRenderer, generator};
-use gonio_io::cache::Cache;
 use rayon::prelude::*;
 
 use crate::bench::{ACCURACY, Progress, Protocol, TestSphere};
+use crate::cache::Cache;
 use crate::data::Lights;
 use crate::materials::Materials;
 use crate::metrics::{Gloss, coverage, mean, median, relight};
@@ -72,7 +72,7 @@ struct Errors {
 
 pub(crate) fn run(data: &Path, options: &CameraOptions) -> Result<()> {
     let materials = Materials::open(data, options.merl.as_deref())?;
-    let cache = Cache::user().context("no cache folder; set GONIO_CACHE_DIR")?;
+    let cache = Cache::open();
     let luminance = |at: usize| (materials.names[at].clone(), materials.luminance(at));
     let training: Vec<(String, BivariateTable)> =
         Protocol::LeaveOut.training(&materials).into_iter().map(luminance).collect();

@@ -3,6 +3,7 @@
 
 mod bases;
 mod bench;
+mod cache;
 mod calibration;
 mod camera;
 mod captured;

@@ -13,13 +13,13 @@ use gonio::reflectance::{BivariateTable, Dictionary, DictionarySettings, LogBasi
 use gonio::scene::{ObservationSettings, sphere_points};
 use gonio::shape::SurfacePoint;
 use gonio::simulation::{ColourStock, ScenePool, ScenePoolSettings};
-use gonio_io::cache::Cache;
 use gonio_io::model::{decode_posterior, encode_posterior};
 use gonio_train::{Monitor, TrainingSettings};
 use serde::{Deserialize, Serialize};
 
 use crate::bases::key;
 use crate::bench::Progress;
+use crate::cache::Cache;
 use crate::data::Lights;
 
 /// Version of simulation and training, part of every cache key. Raise it when either gives
@@ -113,9 +113,7 @@ pub(crate) fn load_or_train(
         return Ok(found);
     }
     let learnt = train(materials, lights, names, learning)?;
-    if let Err(error) = cache.store(&key, &encode_posterior(&learnt, "of the benchmark")) {
-        eprintln!("cannot store the posterior in the cache: {error}");
-    }
+    cache.store(&key, &encode_posterior(&learnt, "of the benchmark"))?;
     Ok(learnt)
 }
 

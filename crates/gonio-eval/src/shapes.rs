@@ -19,9 +19,9 @@ use gonio::render::{LightTree, Relighter};
 use gonio::scene::{ObservationSettings, Observations, SurfaceView};
 use gonio::shape::{Camera, Ellipsoid, Form, GeometryBuffer, Surface, Tracer, hit_at};
 use gonio::transfer::TransferSettings;
-use gonio_io::cache::Cache;
 
 use crate::bench::{ACCURACY, Progress, Protocol, TestSphere, add_noise};
+use crate::cache::Cache;
 use crate::data::Lights;
 use crate::materials::Materials;
 use crate::metrics::{brdf_error, median};
@@ -100,7 +100,7 @@ fn pose(name: &str, size: usize) -> Result<Posed> {
 
 pub(crate) fn run(data: &Path, options: &ShapesOptions) -> Result<()> {
     let materials = Materials::open(data, options.merl.as_deref())?;
-    let cache = Cache::user().context("no cache folder; set GONIO_CACHE_DIR")?;
+    let cache = Cache::open();
     let learnt = Protocol::LeaveOut.training(&materials);
     let training: Vec<(String, BivariateTable)> =
         learnt.into_iter().map(|at| (materials.names[at].clone(), materials.luminance(at))).collect();

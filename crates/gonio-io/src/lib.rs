@@ -16,7 +16,6 @@
 //!   comma-separated tables;
 //! * [`npy`]: arrays of numpy; [`result_brdf`]: BRDFs of results, as archives of such arrays;
 //! * [`folder`]: listing of folders; [`atomic`]: output that appears complete or not at all;
-//! * [`cache`], [`plan`]: computed plans kept between runs.
 //!
 //! Invariants: no input makes this crate panic; sizes are checked before memory is allocated. An
 //! [`Error`] always names the file, the problem and the suggestion, on one line. This crate never
@@ -28,7 +27,6 @@
 pub mod atomic;
 pub mod bivariate;
 pub mod brdf;
-pub mod cache;
 pub mod camera;
 pub mod colour_space;
 mod error;
@@ -46,7 +44,6 @@ pub mod model;
 pub mod normals;
 pub mod npy;
 pub mod picture;
-pub mod plan;
 pub mod posterior;
 pub mod result;
 pub mod result_brdf;

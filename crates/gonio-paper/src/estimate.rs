@@ -4,12 +4,11 @@ use std::fmt;
 
 use gonio::estimate::ALBEDO;
 use gonio::inference::Hyperparameters;
-use gonio::lighting::{EnvironmentMap, LightGrid, LightPrior};
+use gonio::lighting::{EnvironmentMap, LightGrid};
 use gonio::model::Model;
 use gonio::reflectance::{BasisError, BivariateTable};
 use gonio::render::{IntegratorSettings, LightTree, images_of_basis};
 use gonio::scene::Observations;
-use gonio::shape::Points;
 use gonio::transfer::TransferError;
 use thiserror::Error;
 
@@ -170,15 +169,10 @@ impl From<TransferError> for PaperError {
     }
 }
 
-/// Source of plans: a cache, or a call of [`Plan::build`]. It reports its own progress.
-pub type PlanSource<'a> =
-    dyn Fn(Points<'_>, &[BivariateTable], &LightPrior, &PlanSettings) -> Result<Plan, PlanError> + 'a;
-
 /// Estimates reflectance, and the light unless it is known, by a method of the paper.
 ///
-/// `light` is the known light, in camera space. `plans` supplies the plan under an unknown light.
-/// `progress` receives each stage with a fraction in 0..=1; under an unknown light, only the start
-/// of [`PaperStage::Plan`].
+/// `light` is the known light, in camera space. `progress` receives each stage with a fraction in
+/// 0..=1.
 ///
 /// # Errors
 /// If there are too few observations, the model's prior does not cover the grid, or the image is
@@ -188,7 +182,6 @@ pub fn estimate(
     observations: &Observations,
     light: Option<&EnvironmentMap>,
     settings: &PaperSettings,
-    plans: &PlanSource<'_>,
     progress: &(dyn Fn(PaperStage, f64) + Sync),
 ) -> Result<PaperEstimate, PaperError> {
     progress(PaperStage::Plan, 0.0);
@@ -204,7 +197,7 @@ pub fn estimate(
             );
             (Projected::under_known_light(&rows, tables.len(), &observations.values), None)
         }
-        None => project(model, observations, settings, plans)?,
+        None => project(model, observations, settings, &|x| progress(PaperStage::Plan, x))?,
     };
     progress(PaperStage::Inference, 0.0);
     let posterior = posterior(model, &projected, light.is_some(), settings, &|x| progress(PaperStage::Inference, x))?;
@@ -246,7 +239,7 @@ fn project(
     model: &Model,
     observations: &Observations,
     settings: &PaperSettings,
-    plans: &PlanSource<'_>,
+    progress: &(dyn Fn(f64) + Sync),
 ) -> Result<(Projected, Option<ProjectionLoss>), PaperError> {
     let (points, tables) = (observations.points_with_visibility(), &model.reflectance.functions);
     let plan = PlanSettings::of_side(settings.side);
@@ -254,7 +247,7 @@ fn project(
     if settings.full_rows || observations.report.used <= plan.rank {
         return Ok((Projected::unprojected(points, &observations.values, tables, &model.light, &plan.transfer)?, None));
     }
-    let plan = plans(points, tables, &model.light, &plan)?;
+    let plan = Plan::build(points, tables, &model.light, &plan, progress)?;
     let projected = plan.project(&observations.values, SLACK)?;
     let loss = ProjectionLoss { of_prior: plan.left_out(), of_image: projected.left_over() };
     Ok((projected, Some(loss)))

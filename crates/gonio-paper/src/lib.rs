@@ -47,8 +47,7 @@ mod variational;
 pub use bilinear::Bilinear;
 pub use ensemble::VariationalParameters;
 pub use estimate::{
-    PaperDiagnostic, PaperError, PaperEstimate, PaperMethod, PaperSettings, PaperStage, PlanSource, ProjectionLoss,
-    estimate,
+    PaperDiagnostic, PaperError, PaperEstimate, PaperMethod, PaperSettings, PaperStage, ProjectionLoss, estimate,
 };
 pub use expectations::Expectations;
 pub use joint_map::JointMapSettings;

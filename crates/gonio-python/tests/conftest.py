@@ -46,5 +46,4 @@ def names_of_examples(request, monkeypatch, tmp_path):
     """Defines the names that the examples of the package documentation use."""
     if isinstance(request.node, pytest.DoctestItem):
         monkeypatch.chdir(ROOT)
-        monkeypatch.setenv("GONIO_CACHE_DIR", str(tmp_path / "cache"))
         request.node.dtest.globs.update(gonio=gonio, np=np, folder=tmp_path, found=request.getfixturevalue("found"))

@@ -66,7 +66,6 @@ fn the_slurm_example_runs() {
             .env("PATH", &path)
             .env("GONIO_NO_REPORT", "true")
             .env("GONIO_NO_PICTURES", "true")
-            .env("GONIO_CACHE_DIR", std::path::Path::new(env!("CARGO_TARGET_TMPDIR")).join("plans"))
             .env("SLURM_CPUS_PER_TASK", "2")
             .env("SLURM_ARRAY_TASK_ID", task)
             .env("SLURM_ARRAY_TASK_MIN", "4")

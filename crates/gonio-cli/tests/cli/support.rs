@@ -100,7 +100,7 @@ impl Bench {
         serde_json::from_slice(&self.read(name)).unwrap()
     }
 
-    /// Runs `gonio` with the words of `line` as arguments. All tests share a cache of plans.
+    /// Runs `gonio` with the words of `line` as arguments.
     pub(crate) fn run(&self, line: &str) -> Run {
         self.run_with(line, &[])
     }
@@ -129,8 +129,7 @@ impl Bench {
             // Pictures and report take longer than everything else; the tests of both enable them,
             // and tools/nightly.sh enables the pictures of all tests.
             .env("GONIO_NO_REPORT", "true")
-            .env("GONIO_NO_PICTURES", std::env::var_os("GONIO_NO_PICTURES").unwrap_or("true".into()))
-            .env("GONIO_CACHE_DIR", Path::new(env!("CARGO_TARGET_TMPDIR")).join("plans"));
+            .env("GONIO_NO_PICTURES", std::env::var_os("GONIO_NO_PICTURES").unwrap_or("true".into()));
         command
     }
 

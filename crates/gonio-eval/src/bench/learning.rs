@@ -7,13 +7,13 @@ use gonio::lighting::LightPrior;
 use gonio::model::Model;
 use gonio::reflectance::{BivariateTable, Dictionary, DictionarySettings, LatentSpace, LogBasis};
 use gonio::shape::SurfacePoint;
-use gonio_io::cache::Cache;
 use gonio_paper::Plan;
 use gonio_paper::training::TrainSettings;
 
 use super::grid::Protocol;
 use super::store::Conditions;
 use crate::bases::Trained;
+use crate::cache::Cache;
 use crate::data::Lights;
 use crate::materials::Materials;
 use crate::posteriors::{self, Learning};
@@ -77,12 +77,10 @@ impl LearntModels {
         settings.nmf.rank = rank;
         let green: Vec<(String, BivariateTable)> =
             kept.iter().map(|&at| (materials.names[at].clone(), materials.green(at).clone())).collect();
-        let reflectance = Trained::load_or_train(Some(cache), &green, &settings)?.basis;
+        let reflectance = Trained::load_or_train(cache, &green, &settings)?.basis;
         let Model { light, learnt: embedded, .. } = gonio_io::model::embedded()?;
         let light = prior.cloned().unwrap_or(light);
-        let (plan, _, _) =
-            gonio_app::plan::load_or_build(Some(cache), points, &reflectance.functions, &light, plan, &|_| ())
-                .context("the operator")?;
+        let plan = Plan::build(points, &reflectance.functions, &light, plan, &|_| ()).context("the operator")?;
         let training: Vec<(String, BivariateTable)> =
             kept.iter().map(|&at| (materials.names[at].clone(), materials.luminance(at))).collect();
         let learn = |lights: &Lights| {

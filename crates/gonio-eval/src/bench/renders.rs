@@ -5,11 +5,12 @@ use glam::Vec3;
 use gonio::reflectance::{BivariateTable, MerlTable};
 use gonio::render::{Brdf, IntegratorSettings, LightTree, images_of_basis, radiance};
 use gonio::shape::SurfacePoint;
-use gonio_io::cache::Cache;
 use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+
+use crate::cache::Cache;
 
 /// A rendered list of points.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -78,7 +79,7 @@ pub(crate) fn load(cache: &Cache, key: &str) -> Option<Render> {
 
 /// Stores a render in the cache.
 pub(crate) fn store(cache: &Cache, key: &str, render: &Render) -> Result<()> {
-    Ok(cache.store(key, &serde_json::to_vec(render)?)?)
+    cache.store(key, &serde_json::to_vec(render)?)
 }
 
 /// Returns the images of basis functions in a light, `[point][function]`. Loads them from the cache

@@ -17,7 +17,6 @@ use gonio::reflectance::BivariateTable;
 use gonio::render::{IntegratorSettings, LightTree, Relighter, median_colour};
 use gonio::scene::{ObservationSettings, sphere_points};
 use gonio::shape::SurfacePoint;
-use gonio_io::cache::Cache;
 
 use super::errors::{GroundTruth, encoded};
 use super::estimators::{Estimator, Lit, Photograph};
@@ -29,12 +28,10 @@ use super::renders::{self, Render};
 use super::report;
 use super::store::{Conditions, Store};
 use super::test_sphere::TestSphere;
+use crate::cache::Cache;
 use crate::data::Lights;
 use crate::materials::{Materials, Source};
 use crate::metrics::luminances;
-
-/// Largest size of renders, operators and bases in the cache, in bytes.
-const CACHE_BUDGET: u64 = 8 << 30;
 
 /// Runs the benchmark and writes its report.
 pub(crate) fn bench(data: &Path, options: &BenchOptions) -> Result<()> {
@@ -53,8 +50,6 @@ pub(crate) fn bench(data: &Path, options: &BenchOptions) -> Result<()> {
     let paper = conditions.separable.paper;
     let known = if paper { ObservationSettings::of_paper() } else { ObservationSettings::default() };
     let observation = ObservationSettings { normals: conditions.normals, ..known };
-    let cache =
-        Cache::user().context("no cache folder for the renders; set GONIO_CACHE_DIR")?.with_budget(CACHE_BUDGET);
     let fingerprints = Fingerprints::of(&materials, &lights, &units, &conditions)?;
     let (points, stage) = (sphere_points(&observation), TestSphere::new(conditions.size));
     let prior = match &options.prior {
@@ -71,7 +66,7 @@ pub(crate) fn bench(data: &Path, options: &BenchOptions) -> Result<()> {
         points,
         stage,
         conditions,
-        cache,
+        cache: Cache::open(),
         fingerprints,
         store,
     };

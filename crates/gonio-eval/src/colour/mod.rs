@@ -22,9 +22,9 @@ use gonio::render::{LightTree, Relighter};
 use gonio::scene::{ObservationSettings, Observations, sphere_points};
 use gonio::shape::SurfacePoint;
 use gonio::sphere::OctahedralMap;
-use gonio_io::cache::Cache;
 
 use crate::bench::{DRAFT, Progress};
+use crate::cache::Cache;
 use crate::data::Lights;
 use crate::metrics::{luminances, mean, median, relight, relight_rgb};
 use crate::out_of_domain;
@@ -164,7 +164,7 @@ pub(crate) fn photographs(
 /// loads it from the cache.
 fn learn(data: &Path, model: &Model, stride: u32) -> Result<ColourModel> {
     let learnt = model.learnt.as_ref().context("the embedded model has no posterior of materials")?;
-    let cache = Cache::user().context("no cache folder; set GONIO_CACHE_DIR")?;
+    let cache = Cache::open();
     let merl = gonio_io::bivariate::read_bivariate_set(data.join("merl"))?;
     let materials = merl.into_iter().map(|(_, rgb)| rgb).collect();
     posteriors::colours(&cache, learnt, materials, &Lights::training(data)?, stride as usize)

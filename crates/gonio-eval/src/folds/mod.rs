@@ -8,7 +8,7 @@ mod misfit;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Result, bail};
 use clap::Args;
 use glam::DQuat;
 use gonio::appearance::Lattice;
@@ -17,13 +17,13 @@ use gonio::lighting::LightPrior;
 use gonio::reflectance::{BivariateTable, MaterialKind, Prior};
 use gonio::render::Relighter;
 use gonio::simulation::{LightKind, PhotographEffects, SceneRenderer, generator};
-use gonio_io::cache::Cache;
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use rayon::prelude::*;
 
 use self::misfit::LightMisfit;
 use crate::bench::DRAFT;
+use crate::cache::Cache;
 use crate::data::Lights;
 use crate::materials::Materials;
 use crate::metrics::{Gloss, brdf_error, coverage, median, relight};
@@ -108,7 +108,7 @@ pub(crate) fn run(data: &Path, options: &FoldsOptions) -> Result<()> {
     if materials.len() < options.folds || names.len() < options.folds {
         bail!("{} materials and {} lights are too few for {} folds", materials.len(), names.len(), options.folds);
     }
-    let cache = Cache::user().context("no cache folder; set GONIO_CACHE_DIR")?;
+    let cache = Cache::open();
     let mut outcomes = Vec::new();
     for fold in 0..options.first.unwrap_or(options.folds).min(options.folds) {
         let inside = |at: usize| at % options.folds != fold;

@@ -8,13 +8,12 @@ use gonio::model::Model;
 use gonio::reflectance::{BivariateTable, MerlTable};
 use gonio::render::LightTree;
 use gonio::shape::SurfacePoint;
-use gonio_app::plan::load_or_build;
-use gonio_io::cache::Cache;
 use gonio_paper::{
     JointMapSettings, Method, Plan, PlanSettings, Posterior, Problem, Projected, VariationalSettings, infer,
 };
 
 use super::{Estimator, PaperOptions};
+use crate::cache::Cache;
 use crate::data::Lights;
 use crate::materials::{Materials, Source};
 
@@ -57,7 +56,7 @@ pub(super) struct PaperContext {
     pub(super) lights: Vec<LightTree>,
     /// The light of [`NOVEL`].
     pub(super) novel: LightTree,
-    pub(super) cache: Option<Cache>,
+    pub(super) cache: Cache,
     /// Materials without a full table.
     spread: Vec<&'static str>,
     method: Method,
@@ -88,7 +87,7 @@ impl PaperContext {
             lights: LIGHTS.iter().map(|(file, _)| test_lights.tree(file)).collect::<Result<_>>()?,
             novel: test_lights.tree(NOVEL.0)?,
             test_lights,
-            cache: Cache::user(),
+            cache: Cache::open(),
             spread,
             method,
         })
@@ -109,16 +108,10 @@ impl PaperContext {
         }
     }
 
-    /// Loads the plan for these points from the cache, or builds it.
+    /// Builds the plan for these points.
     pub(super) fn plan(&self, points: &[SurfacePoint]) -> Result<Plan> {
         let tables = &self.model.reflectance.functions;
-        let settings = PlanSettings::default();
-        let (plan, _, failed) =
-            load_or_build(self.cache.as_ref(), points, tables, &self.model.light, &settings, &|_| ())?;
-        if let Some(error) = failed {
-            eprintln!("cannot store the plan in the cache: {error}");
-        }
-        Ok(plan)
+        Ok(Plan::build(points, tables, &self.model.light, &PlanSettings::default(), &|_| ())?)
     }
 
     /// Infers blind from an image: returns the posterior and its mean BRDF. `name` appears in error

@@ -47,9 +47,7 @@ pub(super) fn section(context: &PaperContext) -> Result<Markup> {
     let trained = |rank: usize, cost_margin: f64| {
         let nmf = NmfSettings { rank, ..NmfSettings::default() };
         let settings = TrainSettings { nmf, cost_margin, ..TrainSettings::default() };
-        step(&format!("Fig. 3, basis of rank {rank}"), || {
-            Trained::load_or_train(context.cache.as_ref(), &green, &settings)
-        })
+        step(&format!("Fig. 3, basis of rank {rank}"), || Trained::load_or_train(&context.cache, &green, &settings))
     };
     let margin = TrainSettings::default().cost_margin;
     let bases = RANKS.iter().map(|&rank| trained(rank, margin)).collect::<Result<Vec<_>>>()?;

@@ -54,9 +54,6 @@ pub struct Transfer {
     /// Name of the known light.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub light: Option<String>,
-    /// Origin of the projection: `cache` or `built`.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub plan: Option<String>,
     /// Number of rows of the projection, or of observations.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rank: Option<usize>,

@@ -8,7 +8,7 @@ use glam::Vec3;
 use gonio::picture::Plane;
 use gonio::reflectance::{BivariateTable, MerlTable};
 use gonio_io::picture::{self, ReadOptions};
-use gonio_io::{Error, Kind, cache::Cache, fits, merl, normals, npy};
+use gonio_io::{Error, Kind, fits, merl, normals, npy};
 use image::{DynamicImage, ImageFormat};
 
 use crate::colour;
@@ -217,23 +217,4 @@ fn damaged_files_on_disk_are_rejected() {
     std::fs::write(&path, &good).unwrap();
     assert_eq!(picture::read_mask(&path).unwrap().size(), (29, 23));
     assert_eq!(picture::read(dir.path(), &OPTIONS).unwrap_err().io_kind(), Some(std::io::ErrorKind::IsADirectory));
-}
-
-#[test]
-fn damaged_cache_entries_are_removed() {
-    let dir = tempfile::tempdir().unwrap();
-    let cache = Cache::at(dir.path());
-    let content: Vec<u8> = (0..2000_u32).map(|i| (i * i) as u8).collect();
-    cache.store("k", &content).unwrap();
-    let path = dir.path().join("k.plan");
-    let good = std::fs::read(&path).unwrap();
-    let mut numbers = Numbers(3);
-    for _ in 0..FLIPS {
-        let mut bad = good.clone();
-        let at = numbers.below(bad.len());
-        bad[at] = bad[at].wrapping_add(1 + numbers.below(255) as u8);
-        std::fs::write(&path, &bad).unwrap();
-        assert!(cache.load("k").is_none(), "byte {at}");
-        assert!(!path.exists());
-    }
 }

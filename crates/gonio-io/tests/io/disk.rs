@@ -6,7 +6,6 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use gonio_io::atomic::{StagedFolder, write_file};
-use gonio_io::cache::Cache;
 
 /// A disk of 256 kB in memory, unmounted on drop.
 struct TinyDisk(tempfile::TempDir);
@@ -70,32 +69,16 @@ fn a_full_disk_leaves_no_partial_folder() {
 }
 
 #[test]
-fn a_full_disk_only_loses_the_new_cache_entry() {
-    let Some(disk) = TinyDisk::mount() else { return };
-    let cache = Cache::at(disk.path().join("cache"));
-    cache.store("a", b"small").unwrap();
-    let error = cache.store("b", &vec![1; 1 << 20]).unwrap_err();
-    assert_eq!(error.io_kind(), Some(ErrorKind::StorageFull));
-    assert!(cache.load("b").is_none());
-    assert_eq!(cache.load("a").unwrap(), b"small");
-    assert_eq!(fs::read_dir(cache.dir()).unwrap().count(), 1);
-}
-
-#[test]
 fn errors_report_a_read_only_disk() {
     let Some(disk) = TinyDisk::mount() else { return };
-    let cache = Cache::at(disk.path().join("cache"));
-    cache.store("a", b"kept").unwrap();
     disk.remount("ro");
     for error in [
         write_file(disk.path().join("a"), b"x").unwrap_err(),
         StagedFolder::create(disk.path().join("b")).unwrap_err(),
         StagedFolder::create(disk.path().join("c/d")).unwrap_err(),
-        cache.store("b", b"x").unwrap_err(),
     ] {
         assert_eq!(error.io_kind(), Some(ErrorKind::ReadOnlyFilesystem), "{error}");
         assert!(error.to_string().ends_with("write to another folder"), "{error}");
     }
-    assert_eq!(cache.load("a").unwrap(), b"kept");
     disk.remount("rw");
 }

@@ -10,7 +10,7 @@ use gonio::colour::{Chroma, ChromaField, SavedChroma};
 use gonio::inference::{Embedding, Likelihood};
 use gonio_io::picture::{self, ReadOptions};
 use gonio_io::posterior::SavedPosterior;
-use gonio_io::{camera, fits, lights, mesh, model, normals, npy, plan, rgl, table};
+use gonio_io::{camera, fits, lights, mesh, model, normals, npy, rgl, table};
 
 use crate::{colour, damage, mutation};
 
@@ -52,21 +52,6 @@ fn exif(big: bool) -> Vec<u8> {
     bytes
 }
 
-/// A plan of three points, one table and a light of two by two texels, encoded as in the cache.
-fn cached() -> Vec<u8> {
-    let settings = gonio_paper::PlanSettings::of_side(2);
-    let (points, k, rank) = (3, 1, 2);
-    plan::encode_plan(&gonio_paper::Plan {
-        settings,
-        points,
-        k,
-        q: vec![0.5; points * rank],
-        r: vec![0.25; rank * k * 4],
-        energies: vec![0.75; rank],
-        total_energy: 2.0,
-    })
-}
-
 /// Returns the target, name and content of each seed.
 fn seeds() -> Vec<(&'static str, String, Vec<u8>)> {
     let mut seeds = Vec::new();
@@ -104,7 +89,6 @@ fn seeds() -> Vec<(&'static str, String, Vec<u8>)> {
         ("exif", "little.tif".to_owned(), exif(false)),
         ("exif", "big.tif".to_owned(), exif(true)),
         ("posterior", "a.json".to_owned(), posterior),
-        ("cache", "a.plan".to_owned(), cached()),
     ]);
     seeds.extend(results.into_iter().enumerate().map(|(i, bytes)| ("results", format!("{i}.txt"), bytes)));
     seeds
@@ -134,10 +118,6 @@ fn every_seed_is_read() {
             "manifest" => table::Table::decode(path, &bytes).err(),
             "response" => picture::decode_response(path, &bytes).err(),
             "posterior" => SavedPosterior::decode(path, &bytes).err(),
-            "cache" => {
-                assert!(plan::decode_plan(&bytes).is_some());
-                None
-            }
             "exif" => {
                 let shot = picture::ExposureSettings::of(&bytes);
                 assert_eq!((shot.seconds, shot.f_number, shot.iso), (Some(1.0 / 30.0), Some(2.8), Some(200.0)));

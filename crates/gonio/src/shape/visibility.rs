@@ -182,17 +182,6 @@ impl Visibility {
         let row = |r: &Row| size_of::<Row>() + size_of_val(&*r.blocked) + size_of_val(&*r.partial);
         self.rows.iter().map(row).sum()
     }
-
-    /// Visits all shares of each point as bytes, for cache keys.
-    pub fn for_each_byte(&self, mut visit: impl FnMut(&[u8])) {
-        visit(&(self.side as u64).to_le_bytes());
-        for row in &self.rows {
-            visit(&(row.blocked.len() as u64).to_le_bytes());
-            row.blocked.iter().for_each(|word| visit(&word.to_le_bytes()));
-            visit(&(row.partial.len() as u64).to_le_bytes());
-            row.partial.iter().for_each(|(texel, share)| visit(&[&texel.to_le_bytes()[..], &[*share]].concat()));
-        }
-    }
 }
 
 /// Visible part of the sky at a point.

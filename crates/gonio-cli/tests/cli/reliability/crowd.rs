@@ -1,4 +1,4 @@
-//! Tests of four concurrent processes with one output and one cache, and of output folders that are
+//! Tests of four concurrent processes with one output, and of output folders that are
 //! removed while a command runs.
 
 use std::process::{Child, Stdio};
@@ -13,7 +13,7 @@ const CROWD: usize = 4;
 
 fn start(bench: &Bench, line: &str) -> Child {
     let mut command = bench.command(line);
-    command.env("GONIO_CACHE_DIR", bench.path("cache")).stdout(Stdio::null()).stderr(Stdio::piped());
+    command.stdout(Stdio::null()).stderr(Stdio::piped());
     command.spawn().unwrap()
 }
 
@@ -36,7 +36,7 @@ fn together(job: &Job) {
 
 #[test]
 fn four_concurrent_processes_write_one_output() {
-    for name in ["infer_cached", "merge"] {
+    for name in ["infer_paper", "merge"] {
         together(job(name));
     }
 }

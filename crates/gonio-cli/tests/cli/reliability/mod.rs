@@ -12,7 +12,7 @@ macro_rules! each_job {
         mod $module {
             use super::*;
             use crate::reliability::JOBS;
-            each_job!(@ $run; infer infer_cached batch train_lighting train_reflectance merge export);
+            each_job!(@ $run; infer infer_paper batch train_lighting train_reflectance merge export);
         }
     };
     (@ $run:expr; $($name:ident)*) => {
@@ -31,7 +31,6 @@ macro_rules! each_job {
     };
 }
 
-mod cache;
 mod crowd;
 mod disk;
 mod killed;
@@ -76,7 +75,7 @@ pub(crate) enum Kind {
 pub(crate) const JOBS: [Job; 7] = [
     Job { name: "infer", line: "infer ball.exr --grid 8 -o OUT", kind: Kind::Folder, inputs: ball },
     Job {
-        name: "infer_cached",
+        name: "infer_paper",
         line: "infer ball.exr --normals normals.npy --method variational --starts 1 --grid 8 -o OUT",
         kind: Kind::Folder,
         inputs: ball,
@@ -134,7 +133,7 @@ impl Job {
         KNOWN[at].get_or_init(|| {
             let bench = self.bench();
             let start = Instant::now();
-            bench.run_with(&format!("{} --threads 2", self.to("whole")), &[("GONIO_CACHE_DIR", "")]).succeeds();
+            bench.run(&format!("{} --threads 2", self.to("whole"))).succeeds();
             Undisturbed { time: start.elapsed(), files: written(&bench, &self.output("whole")) }
         })
     }
@@ -208,10 +207,6 @@ fn timeless(name: &str, bytes: Vec<u8>) -> Option<Vec<u8>> {
     if let Some(notes) = notes.as_object_mut() {
         // The arguments of a row contain the output folder.
         notes.retain(|key, _| key != "seconds" && key != "arguments");
-        // The origin of the plan, cache or built.
-        if let Some(transfer) = notes.get_mut("transfer").and_then(Value::as_object_mut) {
-            transfer.remove("plan");
-        }
     }
     Some(notes.to_string().into_bytes())
 }

@@ -7,7 +7,7 @@ fn compare(job: &Job) {
     // The undisturbed run had two threads.
     let whole = &job.undisturbed().files;
     for threads in [1, 7] {
-        bench.run_with(&format!("{} --threads {threads}", job.to("out")), &[("GONIO_CACHE_DIR", "")]).succeeds();
+        bench.run(&format!("{} --threads {threads}", job.to("out"))).succeeds();
         same(&written(&bench, &job.output("out")), whole, &format!("{} with {threads} threads", job.name));
     }
 }

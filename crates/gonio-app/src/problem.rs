@@ -175,6 +175,7 @@ mod tests {
             W::Misplaced { overlap: 0.9 },
             W::Inside { inside: 10, visible: 100 },
             W::Depth(10.0),
+            W::Outline(Circle { x: 1.0, y: 2.0, radius: 3.0 }),
             W::FlatBackground { pixels },
             W::Clipped { clipped: 10, observed },
             W::Faulty { negative: 10, not_finite: 0, observed },

@@ -274,6 +274,7 @@ impl InputNames {
     pub(crate) fn warn(&self, odd: &SceneWarning) -> Warning {
         let text = match odd {
             SceneWarning::Depth(_)
+            | SceneWarning::Outline(_)
             | SceneWarning::Clipped { .. }
             | SceneWarning::Faulty { .. }
             | SceneWarning::Outliers { .. }

@@ -20,6 +20,10 @@ pub(super) const REDUCED_SIDE: usize = 512;
 const HELD: f64 = 0.9;
 /// Support from which a circle is the ball although it does not contain that share.
 const DISTINCT: f64 = 0.8;
+/// Error of a given outline above which it is reported: pixels, and share of the radius.
+const OFF: (f64, f64) = (1.5, 0.01);
+/// Sizes of the ball, relative to a given outline, near which its edges are also searched.
+const SIZES: [f64; 4] = [0.92, 0.96, 1.04, 1.08];
 /// Largest residual of an outline in a file without compression losses, in pixels.
 const CRISP: f64 = 0.6;
 /// Largest deviation of an outline from a circle near which edges are searched: in pixels, plus a
@@ -118,6 +122,30 @@ fn detect_by_edges(rgb: &Plane<Vec3>) -> Result<(Circle, OutlineReliability), Sc
 fn rough(coverage: &Plane<f32>) -> Option<Circle> {
     let fit = fit_circle(&outline(coverage).ok()?)?;
     (fit.spread <= ROUGH.0 + ROUGH.1 * fit.circle.radius).then_some(fit.circle)
+}
+
+/// Returns the circle on the edges near a given outline of a ball, if the given one is clearly off
+/// these edges.
+pub(super) fn corrected(rgb: &Plane<Vec3>, given: &Circle) -> Option<Circle> {
+    let small = Small::of(rgb, REDUCED_SIDE);
+    let edges = Edges::of(&small);
+    let near = |factor: f64| {
+        let rough = edges.ring(&Circle { radius: factor * given.radius, ..*given });
+        edges.refined(rgb, &small, &rough).filter(|(ring, _)| edges.support(ring) >= DISTINCT)
+    };
+    let is_off = |circle: &Circle| {
+        let off = (circle.x - given.x).hypot(circle.y - given.y) + (circle.radius - given.radius).abs();
+        off > OFF.0 + OFF.1 * circle.radius
+    };
+    let nearest = near(1.0);
+    if nearest.as_ref().is_some_and(|(_, circle)| !is_off(circle)) {
+        return None;
+    }
+    let found = SIZES.into_iter().filter_map(near).chain(nearest);
+    let (ring, circle) = found.max_by(|a, b| a.0.weight().total_cmp(&b.0.weight()))?;
+    let circle = polished(rgb, &small, &circle);
+    let is_better = edges.tight_support(&edges.ring(given)) < edges.tight_support(&ring);
+    (is_off(&circle) && is_better).then_some(circle)
 }
 
 /// Detects the outline of a ball on edges of the photograph near the outline of a coverage.

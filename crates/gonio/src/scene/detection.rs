@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use glam::{DVec3, Vec3};
 
-use super::ball_detection::detect_ball;
+use super::ball_detection::{corrected, detect_ball};
 use super::circle::outline;
 use super::components::{flood, largest_component};
 use super::consistency::refined;
@@ -163,7 +163,12 @@ impl Detection {
         let looker = |coverage| Detector { picture, coverage, masked, settings };
         let known = || looker(coverage_of(picture, mask.as_ref()));
         let mut detection = match object {
-            Object::Sphere(Some(circle)) => known().circle(circle)?,
+            Object::Sphere(Some(circle)) => {
+                let mut detection = known().circle(circle)?;
+                let corrected = corrected(&picture.rgb, &circle);
+                detection.scene_warnings.extend(corrected.map(SceneWarning::Outline));
+                detection
+            }
             Object::Sphere(None) => {
                 let ball = detect_ball(picture, mask.as_ref())?;
                 Detection { reliability: ball.reliability, ..looker(ball.coverage).circle(ball.circle)? }

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use super::{Contradiction, ObservationReport};
+use super::{Circle, Contradiction, ObservationReport};
 use crate::suggestion::Suggestion;
 
 /// Warning about a detected object, displayed as one line.
@@ -13,6 +13,8 @@ pub enum SceneWarning {
         /// Pixels of both over pixels of either.
         overlap: f64,
     },
+    /// The edges of the photograph form another circle than the given one.
+    Outline(Circle),
     /// Many pixels are back-facing.
     Inside {
         /// Number of back-facing pixels.
@@ -96,6 +98,7 @@ impl SceneWarning {
     pub fn suggestions(&self) -> Vec<Suggestion> {
         match self {
             Self::Depth(_) => vec![Suggestion::DepthAxis],
+            Self::Outline(circle) => vec![Suggestion::OneOf(vec![*circle])],
             Self::Contradiction(it) => vec![it.suggestion()],
             Self::OtherColour { .. } | Self::Pattern { .. } | Self::Spots { .. } => vec![Suggestion::KeepColours],
             _ => Vec::new(),
@@ -110,6 +113,12 @@ impl fmt::Display for SceneWarning {
                 f,
                 "the shape is not exactly aligned with the object: the intersection over union of their pixels is {:.0} %",
                 100.0 * overlap
+            ),
+            Self::Outline(circle) => write!(
+                f,
+                "the specified circle is not on the edge of the ball, which is rather a circle with centre ({:.1}, {:.1}) \
+                 and radius {:.1}",
+                circle.x, circle.y, circle.radius
             ),
             Self::Inside { inside, visible } => write!(
                 f,

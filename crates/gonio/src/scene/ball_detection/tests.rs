@@ -178,6 +178,29 @@ fn detects_or_rejects_balls_on_textures() {
 }
 
 #[test]
+fn corrects_given_outlines_that_are_off() {
+    let (mut corrected_ones, mut all, mut false_alarms) = (0, 0, Vec::new());
+    for (kind, backdrop) in BACKDROPS.into_iter().enumerate() {
+        for seed in 0..4 {
+            let (picture, true_circle) = photograph(backdrop, 1000 * kind as u64 + seed);
+            false_alarms
+                .extend(corrected(&picture.rgb, &true_circle).map(|found| (backdrop, seed, true_circle, found)));
+            let off = |share: f64| share * true_circle.radius;
+            let larger = Circle { radius: true_circle.radius + off(0.05), ..true_circle };
+            let smaller = Circle { radius: true_circle.radius - off(0.05), ..true_circle };
+            let shifted = Circle { x: true_circle.x + off(0.03), y: true_circle.y - off(0.03), ..true_circle };
+            for given in [larger, smaller, shifted] {
+                let found = corrected(&picture.rgb, &given);
+                all += 1;
+                corrected_ones += usize::from(found.is_some_and(|found| is_near(&found, &true_circle, 0.02)));
+            }
+        }
+    }
+    assert!(false_alarms.is_empty(), "{false_alarms:?}");
+    assert!(10 * corrected_ones >= 7 * all, "{corrected_ones} of {all} were corrected");
+}
+
+#[test]
 fn detects_no_ball_in_backdrops_alone() {
     let mut found = Vec::new();
     for (kind, backdrop) in BACKDROPS.into_iter().enumerate() {
@@ -381,5 +404,7 @@ proptest! {
             prop_assert!(spotted.circle.radius.is_finite() && spotted.circle.radius > 0.0);
         }
         let _ = outlined(&picture, None);
+        let given = Circle { x: 0.5 * picture.rgb.width() as f64, y: 10.0, radius: 9.0 };
+        let _ = corrected(&picture.rgb, &given);
     }
 }

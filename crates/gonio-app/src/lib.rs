@@ -12,6 +12,7 @@
 
 mod answer;
 mod check;
+mod coded_floats;
 pub mod combine;
 pub mod compare;
 pub mod document;

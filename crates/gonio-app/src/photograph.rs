@@ -11,7 +11,7 @@ use gonio_io::picture::{
 };
 use gonio_io::result::Bracket;
 
-use crate::{AppError, Warning, spaces};
+use crate::{AppError, Warning, coded_floats, spaces};
 
 /// Relative error of an exposure time above which a warning reports it.
 const TIME_ERROR: f64 = 0.05;
@@ -115,15 +115,18 @@ impl PhotographSource {
             return Err(AppError::new(format!("clip {clip}: must be a positive radiance")));
         }
         let paths = match self {
-            Self::Memory(picture) => match reading.colour_space {
-                None => return Ok(Photograph { picture, clip, bracket: None, space: None }),
-                Some(space) => {
-                    let decoded = Decoded::linear(picture, clip, space).into_working(Path::new("the picture"))?;
-                    let Decoded { picture, full_scale: clip, input, .. } = decoded;
-                    warnings.extend(spaces::warnings("the picture", &input, picture.rgb.as_slice().len()));
-                    return Ok(Photograph { picture, clip, bracket: None, space: Some(input) });
+            Self::Memory(picture) => {
+                warnings.extend(coded_floats::warning("the image", &picture.rgb).map(Warning::from));
+                match reading.colour_space {
+                    None => return Ok(Photograph { picture, clip, bracket: None, space: None }),
+                    Some(space) => {
+                        let decoded = Decoded::linear(picture, clip, space).into_working(Path::new("the picture"))?;
+                        let Decoded { picture, full_scale: clip, input, .. } = decoded;
+                        warnings.extend(spaces::warnings("the picture", &input, picture.rgb.as_slice().len()));
+                        return Ok(Photograph { picture, clip, bracket: None, space: Some(input) });
+                    }
                 }
-            },
+            }
             Self::Bytes(name, bytes) => {
                 if reading.response.is_some() {
                     return Err(AppError::of(name, "a response curve applies only to exposures in files"));
@@ -240,6 +243,10 @@ fn single(
         }
         let level_found = decoded.full_scale.or_else(|| repeated_maximum(&decoded.picture));
         decoded.full_scale = flatten(&mut decoded.picture, flat, reading, level_found)?;
+    }
+    if decoded.encoding == Encoding::LinearFloat {
+        let name = path.display().to_string();
+        warnings.extend(coded_floats::warning(&name, &decoded.picture.rgb).map(Warning::from));
     }
     let decoded = decoded.into_working(path)?;
     warnings.extend(scene_warnings(path, &options, &decoded));

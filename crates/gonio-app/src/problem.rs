@@ -185,8 +185,13 @@ mod tests {
             W::Spots { count: 3 },
             W::OtherColour { pixels, observed },
         ];
+        let image = |scale: f32| {
+            let code = |x: usize, y: usize| glam::Vec3::splat(scale * ((x + 2 * y) % 256) as f32);
+            crate::coded_floats::warning("a", &gonio::picture::Plane::from_fn(80, 80, code)).unwrap()
+        };
+        let coded = [1.0, 0.7].map(image);
         let texts: Vec<String> =
-            diagnostics.iter().map(D::to_string).chain(warnings.iter().map(W::to_string)).collect();
+            diagnostics.iter().map(D::to_string).chain(warnings.iter().map(W::to_string)).chain(coded).collect();
         // Each entry of the page begins with words of its warning in bold.
         let page = include_str!("../../../docs/warnings.md");
         let entries: Vec<String> = page

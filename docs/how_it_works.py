@@ -62,7 +62,7 @@ def write_exr(path, picture):
 
 
 def write_map(path, rgb):
-    """Writes a light map as PFM."""
+    """Writes an environment map as PFM."""
     height, width, _ = rgb.shape
     path.write_bytes(f"PF\n{width} {height}\n-1.0\n".encode() + rgb[::-1].astype("<f4").tobytes())
 
@@ -283,7 +283,7 @@ def light_found():
 
 
 def misfits(photograph, blind, lit, wrong):
-    """Photograph, reproduction and difference: unknown light, correct light map and wrong light map."""
+    """Photograph, reproduction and difference: unknown light, correct environment map and wrong environment map."""
     figure, axes = page(3, 4, height=7.4, width_ratios=[1, 1, 1, 2.1])
     for row, (what, notes, folder) in zip(axes, (("Unknown light", blind, "blue"), ("Known light, correct map", lit, "lit"), ("Known light, map of another place", wrong, "wrong"))):
         made = render(f"{folder}/brdf.npz", f"{folder}/light.exr", "made.exr")

@@ -1,5 +1,5 @@
 #![no_main]
-//! Photographs, light maps and masks.
+//! Photographs, environment maps and masks.
 
 use std::path::Path;
 

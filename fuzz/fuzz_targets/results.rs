@@ -12,7 +12,7 @@ use gonio_io::result;
 use gonio_io::picture::encode_exr;
 use libfuzzer_sys::fuzz_target;
 
-/// A small light map of the results.
+/// A small environment map of the results.
 static LIGHT: LazyLock<Vec<u8>> =
     LazyLock::new(|| encode_exr(&gonio::picture::Plane::from_fn(8, 4, |x, _| glam::Vec3::splat(x as f32)), None));
 

@@ -5,9 +5,8 @@ use std::path::Path;
 
 use glam::Vec3;
 use gonio::estimate::{
-    ALBEDO, Alignment, CONTRADICTED, Colouring, ColouringRule, Estimate, EstimateSettings, EstimateStage,
-    KnownLightEstimate, Light, MAX_MISFIT, Material, estimate_known_light, estimate_with_task,
-    without_misleading_spots,
+    ALBEDO, Alignment, Colouring, ColouringRule, Estimate, EstimateSettings, EstimateStage, KnownLightEstimate, Light,
+    MAX_MISFIT, Material, NORMAL_REFINEMENT_MISFIT, estimate_known_light, estimate_with_task, without_misleading_spots,
 };
 use gonio::lighting::{EnvironmentMap, LightGrid, named_light};
 use gonio::model::Model;
@@ -26,7 +25,7 @@ use crate::document;
 use crate::regions::Regions;
 use crate::scene::{LoadedScene, Observing};
 use crate::{
-    AppError, LightMapSource, Method, ObservedScene, ProgressLog, Scene, Settings, Source, Warning, combine, paper,
+    AppError, EnvironmentSource, Method, ObservedScene, ProgressLog, Scene, Settings, Source, Warning, combine, paper,
     reference,
 };
 
@@ -187,7 +186,7 @@ pub(crate) fn of_one(
     let mut own = Vec::new();
     let mut found = solve(context, &observed, (image, linear), settings, &mut own, progress_log)?;
     if let ("misfit", misfit) = found.residual
-        && misfit > CONTRADICTED
+        && misfit > NORMAL_REFINEMENT_MISFIT
         && let Some(refined) = observed.detection.refined(scene.picture())
     {
         let inflated = std::mem::replace(&mut observed.detection, refined);
@@ -263,8 +262,8 @@ pub(crate) fn solve(
             }
             if known.absolute && scale * ALBEDO > MAX_ALBEDO {
                 let cause = match known.map {
-                    LightMapSource::Map(_) => "photograph and light map do not have the same scale",
-                    LightMapSource::MirrorBall(_) => "the specified reflectance of the mirror ball is too high",
+                    EnvironmentSource::Map(_) => "photograph and environment map do not have the same scale",
+                    EnvironmentSource::MirrorBall(_) => "the specified reflectance of the mirror ball is too high",
                 };
                 let albedo = scale * ALBEDO;
                 let text = format!(
@@ -493,9 +492,9 @@ const DIRECTIONAL_ROWS: usize = 1024;
 /// Rows of the map of a built-in light.
 const NAMED_ROWS: usize = 256;
 
-/// Reads a lat-long light map or a list of directional lights (`.txt`). `studio`, `sky` and `lamp`
-/// are built-in lights, unless a file has that name. `space` is the colour space of files that
-/// state none; `None` is linear Rec. 709.
+/// Reads a lat-long environment map or a list of directional lights (`.txt`). `studio`, `sky` and
+/// `lamp` are built-in lights, unless a file has that name. `space` is the colour space of files
+/// that state none; `None` is linear Rec. 709.
 ///
 /// # Errors
 /// If the file cannot be read or is not a light.

@@ -17,7 +17,7 @@ use gonio_io::result::{
 };
 
 use crate::results::BRDF;
-use crate::{KnownLight, LightMapSource};
+use crate::{EnvironmentSource, KnownLight};
 
 /// Returns a document of this version of gonio, without sections.
 pub fn new(method: &str) -> ResultDocument {
@@ -72,8 +72,8 @@ pub(crate) fn set_known_light(
     let albedo = found.exposure * ALBEDO;
     let channels = found.colouring.field().tables(&found.material.table);
     let mirror_ball = match &given.map {
-        LightMapSource::Map(_) => None,
-        LightMapSource::MirrorBall(ball) => {
+        EnvironmentSource::Map(_) => None,
+        EnvironmentSource::MirrorBall(ball) => {
             Some(result::MirrorBall { circle: ball.circle.into(), reflectance: ball.reflectance })
         }
     };

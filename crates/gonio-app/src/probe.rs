@@ -1,4 +1,4 @@
-//! Estimates a light map from photographs of a mirror ball.
+//! Estimates an environment map from photographs of a mirror ball.
 
 use std::sync::Arc;
 
@@ -30,7 +30,7 @@ pub struct ProbePhotographs {
     pub rows: Option<usize>,
 }
 
-/// An estimated light map.
+/// An estimated environment map.
 #[derive(Clone, Debug)]
 pub struct LightProbe {
     /// The light: a lat-long map of linear radiance in the space of the first camera.

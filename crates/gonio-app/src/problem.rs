@@ -154,7 +154,7 @@ mod tests {
 
     #[test]
     fn the_page_of_warnings_describes_every_warning() {
-        use gonio::estimate::{Diagnostic as D, Reason};
+        use gonio::estimate::{Diagnostic as D, MisfitCause};
         use gonio::scene::SceneWarning as W;
         let misfit = |reason| D::Misfit { misfit: 0.3, expected: 0.1, reason };
         let diagnostics = [
@@ -167,8 +167,8 @@ mod tests {
             D::Clipped { gain: 2.0, sd: 0.1 },
             D::Coarse(3.0),
             D::Channel { channel: 0, misfit: 0.3 },
-            misfit(Reason::Texture),
-            misfit(Reason::Light),
+            misfit(MisfitCause::Texture),
+            misfit(MisfitCause::KnownLight),
         ];
         let (pixels, observed) = (10, 100);
         let warnings = [
@@ -192,11 +192,11 @@ mod tests {
         let coded = [1.0, 0.7].map(image);
         let texts: Vec<String> =
             diagnostics.iter().map(D::to_string).chain(warnings.iter().map(W::to_string)).chain(coded).collect();
-        // Each entry of the page begins with words of its warning in bold.
+        // The quotations after the headings.
         let page = include_str!("../../../docs/warnings.md");
         let entries: Vec<String> = page
             .split("\n\n")
-            .filter_map(|part| Some(part.strip_prefix("**")?.split_once("**")?.0.replace('\n', " ")))
+            .filter_map(|part| Some(part.strip_prefix('"')?.split_once('"')?.0.replace('\n', " ")))
             .collect();
         for text in &texts {
             assert!(entries.iter().any(|entry| text.contains(entry)), "{text}");
@@ -204,6 +204,6 @@ mod tests {
         // The axes of normals and 8-bit photographs are tested elsewhere.
         let known = |entry: &String| texts.iter().any(|text| text.contains(entry));
         let others: Vec<&String> = entries.iter().filter(|entry| !known(entry)).collect();
-        assert_eq!(others, ["seem to have", "decoded as sRGB"]);
+        assert_eq!(others, ["seem to have", "8-bit image, decoded as sRGB"]);
     }
 }

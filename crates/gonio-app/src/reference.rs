@@ -158,7 +158,9 @@ impl Reference {
 /// If another option determines the colour of the light.
 pub(crate) fn check(name: &str, colours: ColourMode, light_is_known: bool) -> Result<(), AppError> {
     let problem = match (light_is_known, colours) {
-        (true, _) => "the light map and the reference both determine the colour of the light; specify only one of them",
+        (true, _) => {
+            "the environment map and the reference both determine the colour of the light; specify only one of them"
+        }
         (false, ColourMode::LightChroma(_)) => {
             "the colour of the light and a reference are both specified; specify only one of them"
         }

@@ -20,7 +20,7 @@ pub struct Settings<'a> {
     pub shadows: bool,
     /// Rule for the colours.
     pub colours: ColourMode,
-    /// Colour spaces of light maps and outputs.
+    /// Colour spaces of environment maps and outputs.
     pub spaces: Spaces,
     /// Draw the pictures.
     pub pictures: bool,
@@ -48,7 +48,7 @@ pub enum Method {
 #[derive(Clone, Debug)]
 pub struct KnownLight {
     /// Its lat-long map in camera space.
-    pub map: LightMapSource,
+    pub map: EnvironmentSource,
     /// Rotations of the map to search.
     pub alignment: Alignment,
     /// Map and photograph have the same scale, so that the reflectance is absolute.
@@ -57,14 +57,14 @@ pub struct KnownLight {
 
 /// Source of the map of a known light.
 #[derive(Clone, Debug)]
-pub enum LightMapSource {
+pub enum EnvironmentSource {
     /// A map.
     Map(Source<EnvironmentMap>),
     /// A mirror ball in the photograph.
     MirrorBall(MirrorBall),
 }
 
-impl LightMapSource {
+impl EnvironmentSource {
     /// Returns the name in messages.
     pub(crate) fn name(&self) -> String {
         match self {
@@ -97,7 +97,7 @@ impl Method {
     /// Returns the map of the known light, unless the photograph shows it.
     pub(crate) fn light(&self) -> Option<&Source<EnvironmentMap>> {
         match self {
-            Self::KnownLight(KnownLight { map: LightMapSource::Map(map), .. }) | Self::KnownLightBasis(_, map) => {
+            Self::KnownLight(KnownLight { map: EnvironmentSource::Map(map), .. }) | Self::KnownLightBasis(_, map) => {
                 Some(map)
             }
             _ => None,
@@ -115,7 +115,7 @@ impl Method {
     /// Returns the mirror ball that shows the light.
     pub(crate) fn mirror_ball(&self) -> Option<&MirrorBall> {
         match self {
-            Self::KnownLight(KnownLight { map: LightMapSource::MirrorBall(ball), .. }) => Some(ball),
+            Self::KnownLight(KnownLight { map: EnvironmentSource::MirrorBall(ball), .. }) => Some(ball),
             _ => None,
         }
     }
@@ -160,7 +160,10 @@ impl ColourMode {
             (Self::Estimate, Some(map)) => {
                 // Four pixels per texel are enough for a mean.
                 let grid = map.reduced(128).to_grid(OctahedralMap::EqualArea, 32);
-                (Some(white_chroma(&grid, glam::DQuat::IDENTITY)), "the light has the mean colour of the light map")
+                (
+                    Some(white_chroma(&grid, glam::DQuat::IDENTITY)),
+                    "the light has the mean colour of the environment map",
+                )
             }
             (Self::Estimate, None) => (None, AS_CAPTURED),
         };

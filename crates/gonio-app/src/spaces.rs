@@ -22,8 +22,8 @@ const OUTSIDE_GAMUT: f64 = 0.01;
 /// Colour spaces of an inference's files.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Spaces {
-    /// Colour space of light maps that state none; `None` is Rec. 709. [`Reading`](crate::Reading)
-    /// has the colour space of photographs.
+    /// Colour space of environment maps that state none; `None` is Rec. 709.
+    /// [`Reading`](crate::Reading) has the colour space of photographs.
     pub input: Option<ColourSpace>,
     /// Colour space of the BRDF and light files. Pictures for display are always sRGB.
     pub output: ColourSpace,

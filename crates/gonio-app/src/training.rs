@@ -172,8 +172,8 @@ impl Default for PosteriorSettings {
 
 /// Trains the prior of light.
 ///
-/// # Errors
-/// If there are no light maps, one cannot be read or is not a light map, or they have no structure.
+/// # Errors If there are no environment maps, one cannot be read or is not an environment map, or
+/// they have no structure.
 pub fn lighting(
     lights: &Lights,
     settings: &LightingSettings,
@@ -249,7 +249,7 @@ pub struct Resumption<'a> {
 /// Interval between checkpoints.
 const CHECKPOINT_INTERVAL: Duration = Duration::from_secs(300);
 
-/// Rows to which larger light maps are reduced: finer than any cell of the disk of normals.
+/// Rows to which larger environment maps are reduced: finer than any cell of the disk of normals.
 const LIGHT_ROWS: usize = 512;
 
 /// Trains the posterior of materials on lights and materials.
@@ -440,24 +440,24 @@ impl Lights {
     fn paths(dir: &Path) -> Result<Vec<PathBuf>, TrainingError> {
         let paths = files(dir, &["hdr", "exr", "pfm"])?;
         if paths.is_empty() {
-            let problem = "contains no .hdr, .exr or .pfm files; specify a folder of light maps";
+            let problem = "contains no .hdr, .exr or .pfm files; specify a folder of environment maps";
             return Err(TrainingError::Data(dir.display().to_string(), problem.into()));
         }
         Ok(paths)
     }
 
-    /// Returns the number of light maps; zero is an error.
+    /// Returns the number of environment maps; zero is an error.
     fn count(&self) -> Result<usize, TrainingError> {
         match self {
             Self::Folder(dir) => Ok(Self::paths(dir)?.len()),
             Self::Maps(maps) if maps.is_empty() => {
-                Err(TrainingError::Data(self.name(), "there are no light maps".into()))
+                Err(TrainingError::Data(self.name(), "there are no environment maps".into()))
             }
             Self::Maps(maps) => Ok(maps.len()),
         }
     }
 
-    /// Visits each light map with the completed fraction; returns their number.
+    /// Visits each environment map with the completed fraction; returns their number.
     fn each(&self, visit: &mut dyn FnMut(f64, &EnvironmentMap)) -> Result<usize, TrainingError> {
         let count = self.count()?;
         let mut tell = |i: usize, map: &EnvironmentMap| visit((i + 1) as f64 / count as f64, map);

@@ -118,7 +118,7 @@ fn describe(checked: &CheckResult, name: &str) -> String {
         let report = &object.scene.detection.observations.report;
         let of = object.name.as_ref().map(|name| format!("region {name}: ")).unwrap_or_default();
         lines += &format!(
-            "{of}{}, {:.1} % of the image\n{of}{} pixels on the object; {} clipped, {} faulty (negative, NaN or infinite), {} outliers\n",
+            "{of}{}, {:.1} % of the image\n{of}{} pixels on the object; {} clipped, {} invalid (negative, NaN or infinite), {} outliers\n",
             object.outline(),
             100.0 * object.coverage(),
             report.observed_pixels,

@@ -145,7 +145,15 @@ pub(crate) fn run(options: &ExportOptions) -> Result<Outcome> {
     let line = |(target, entry): (&String, &ExportEntry)| {
         let (found, ends) = (&entry.parameters["roughness"], &entry.intervals["roughness"]);
         let roughness = match (found.as_f64(), ends[0].as_f64(), ends[1].as_f64()) {
-            (Some(found), Some(low), Some(high)) => format!(", roughness {found:.2} ({low:.2} to {high:.2})"),
+            (Some(found), Some(low), Some(high)) => {
+                // Neither is the square root that the other models call roughness.
+                let name = match target.as_str() {
+                    "cook-torrance" => "slope m",
+                    "ward" => "alpha",
+                    _ => "roughness",
+                };
+                format!(", {name} {found:.2} ({low:.2} to {high:.2})")
+            }
             _ => String::new(),
         };
         let is_coated = ["coat_weight", "clearcoat"].iter().any(|name| entry.parameters[name].as_f64() > Some(0.0));
@@ -157,7 +165,7 @@ pub(crate) fn run(options: &ExportOptions) -> Result<Outcome> {
     let output = output.display().to_string();
     let albedo = match summary.albedo_source.as_str() {
         "fit" => format!(
-            "albedo {:.2}: the photograph does not determine it; the models of renderers fit best at this albedo (--albedo sets another)\n",
+            "albedo at normal incidence {:.2}: the photograph does not determine it, and the fitted models fit best at this one (--albedo sets another)\n",
             summary.albedo
         ),
         _ => String::new(),

@@ -9,7 +9,7 @@ use gonio::scene::Circle;
 use gonio_app::folder::{default_output, for_results, holds_results, would_replace};
 use gonio_app::regions::{InferenceOutcome, RegionsResult, infer_all};
 use gonio_app::{
-    Alignment, ColourMode, KnownLight, LightMapSource, Method, MirrorBall, ProgressLog, Settings, Source, Spaces,
+    Alignment, ColourMode, EnvironmentSource, KnownLight, Method, MirrorBall, ProgressLog, Settings, Source, Spaces,
 };
 use gonio_io::atomic::StagedFolder;
 use gonio_io::result::Reference;
@@ -51,11 +51,12 @@ pub(crate) struct InferOptions {
     /// Without it, gonio assumes a grey ball and scales the BRDF to an albedo of 0.5.
     #[arg(long, value_name = "R|R,G,B", value_parser = parse_reflectance, requires = "mirror_ball", help_heading = LIGHT)]
     mirror_reflectance: Option<Reflectance>,
-    /// Rotations of the light map to search [default: near; without HOW: around]
+    /// Rotations of the environment map to search [default: near; for the option without a value:
+    /// around]
     #[arg(long, value_enum, value_name = "HOW", requires = "light", num_args = 0..=1, default_missing_value = "around",
           help_heading = LIGHT)]
     align_light: Option<AlignmentName>,
-    /// Estimate the absolute BRDF from a photograph and a light map of the same scale
+    /// Estimate the absolute BRDF from a photograph and an environment map of the same scale
     ///
     /// Both must have the same exposure and white balance. Without this option, gonio scales the
     /// BRDF to an albedo of 0.5 at normal incidence.
@@ -80,10 +81,11 @@ pub(crate) struct InferOptions {
     /// the embedded model.
     #[arg(long, value_name = "N", help_heading = METHOD)]
     grid: Option<usize>,
-    /// Reproduce the paper's setup for a sphere
+    /// Use the settings of the paper for a sphere
     ///
-    /// gonio then uses the paper's octahedral light map at one azimuth, 8,600 normals (none near
-    /// the poles of the map), 10 basis functions, random starts, and Algorithm 1 as printed.
+    /// These are the paper's octahedral map of the light, a prior of light without rotated maps,
+    /// 8,600 normals, 10 basis functions, random starts, and Algorithm 1 as printed, which often
+    /// does not converge.
     #[arg(long, help_heading = METHOD, conflicts_with_all = [
         "method", "solver", "grid", "model", "light", "mirror_ball", "normals", "mesh", "materials", "full_rows",
     ])]
@@ -182,7 +184,7 @@ enum MethodName {
     KnownLightBasis,
 }
 
-/// Rotations of the light map to search.
+/// Rotations of the environment map to search.
 #[derive(Clone, Copy, Debug, PartialEq, clap::ValueEnum)]
 enum AlignmentName {
     /// A few degrees about any axis
@@ -247,7 +249,7 @@ impl InferOptions {
             let reflectance = self.mirror_reflectance.map_or([1.0; 3], |reflectance| reflectance.0);
             // Ball and object are in one picture, so there is no rotation to search.
             return Ok(Method::KnownLight(KnownLight {
-                map: LightMapSource::MirrorBall(MirrorBall { circle, reflectance }),
+                map: EnvironmentSource::MirrorBall(MirrorBall { circle, reflectance }),
                 alignment: Alignment::Fixed,
                 absolute: self.mirror_reflectance.is_some(),
             }));
@@ -260,7 +262,7 @@ impl InferOptions {
                     Some(AlignmentName::Around) => Alignment::Around,
                     Some(AlignmentName::Fixed) => Alignment::Fixed,
                 };
-                Method::KnownLight(KnownLight { map: LightMapSource::Map(map), alignment, absolute: self.absolute })
+                Method::KnownLight(KnownLight { map: EnvironmentSource::Map(map), alignment, absolute: self.absolute })
             }
             (MethodName::KnownLightBasis, Some(map)) => Method::KnownLightBasis(search, map),
             (MethodName::KnownLight, None) => {

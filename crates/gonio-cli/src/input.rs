@@ -16,7 +16,7 @@ use gonio_io::picture::ReadOptions;
 
 use crate::suggestion::plain;
 
-/// Reads a lat-long light map; `space` is the colour space of files that state none.
+/// Reads a lat-long environment map; `space` is the colour space of files that state none.
 pub(crate) fn light(path: &Path, space: Option<ColourSpace>) -> Result<EnvironmentMap> {
     gonio_app::read_light(path, space).map_err(plain)
 }

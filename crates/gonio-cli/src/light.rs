@@ -1,4 +1,4 @@
-//! `gonio light` converts a photograph of a mirror ball to a lat-long light map.
+//! `gonio light` converts a photograph of a mirror ball to a lat-long environment map.
 
 use std::path::PathBuf;
 
@@ -26,7 +26,7 @@ pub(crate) struct LightOptions {
     /// exposures (8- or 16-bit JPEG, PNG or TIFF) like gonio merge.
     #[arg(required = true, value_name = "IMAGE")]
     images: Vec<PathBuf>,
-    /// Light map to write: lat-long, in camera coordinates
+    /// Environment map to write: lat-long, in camera coordinates
     ///
     /// gonio also writes X.light.png, which marks the ignored pixels of the ball and the
     /// interpolated parts of the map.
@@ -59,7 +59,8 @@ pub(crate) struct LightOptions {
     /// Angle from the first to the second camera around the ball, in degrees [default: estimated]
     ///
     /// Positive angles are counterclockwise as seen from above: the second camera is to the right
-    /// of the first. By default, gonio estimates the angle at which both light maps agree best.
+    /// of the first. By default, gonio estimates the angle at which both environment maps agree
+    /// best.
     #[arg(long, value_name = "DEGREES", requires = "second", allow_negative_numbers = true)]
     second_yaw: Option<f64>,
     /// Mask of the ball in the second photograph
@@ -150,7 +151,7 @@ pub(crate) fn run(options: &LightOptions) -> Result<Outcome> {
         String::new()
     };
     let text = format!(
-        "{}: light map of {}x{} pixels from a ball with a radius of {:.0} pixels and reflectance {}; {:.1} % of all \
+        "{}: environment map of {}x{} pixels from a ball with a radius of {:.0} pixels and reflectance {}; {:.1} % of all \
          directions are not visible in the ball, and gonio interpolated them{second}; see {}",
         output.display(),
         probe.light.width(),

@@ -85,15 +85,15 @@ pub(crate) enum Command {
     Compare(compare::CompareOptions),
     /// Export a BRDF to renderers: Mitsuba, pbrt, Blender, glTF, MaterialX
     Export(export::ExportOptions),
-    /// Render a sphere or a mesh with a BRDF under a light map
+    /// Render a sphere or a mesh with a BRDF under an environment map
     Render(render::RenderOptions),
     /// Merge exposures of one scene into an HDR image
     Merge(merge::MergeOptions),
-    /// Convert a photograph of a mirror ball to a light map
+    /// Convert a photograph of a mirror ball to an environment map
     Light(Box<light::LightOptions>),
     /// Convert a BRDF between file formats
     Convert(convert::ConvertOptions),
-    /// Train a model on light maps and measured BRDFs
+    /// Train a model on environment maps and measured BRDFs
     #[command(subcommand)]
     Train(train::Command),
     /// Print a completion script for a shell

@@ -69,7 +69,7 @@ impl Outcome {
             println!("{}", lines(&self.text));
             self.warnings.iter().for_each(|warning| eprintln!("warning: {}", one_line(warning)));
             if self.described && !self.warnings.is_empty() {
-                eprintln!("docs/warnings.md lists causes and remedies");
+                eprintln!("docs/warnings.md lists causes and fixes");
             }
         }
     }

@@ -1,4 +1,4 @@
-//! `gonio render` renders a sphere or a mesh with a BRDF under a light map.
+//! `gonio render` renders a sphere or a mesh with a BRDF under an environment map.
 
 use std::path::PathBuf;
 
@@ -43,13 +43,13 @@ pub(crate) struct RenderOptions {
     /// Model file with which the results were inferred, with --draws [default: the embedded model]
     #[arg(long, value_name = "MODEL", requires = "draws")]
     model: Option<PathBuf>,
-    /// Lat-long light map in camera coordinates: HDR, EXR or PFM
+    /// Lat-long environment map in camera coordinates: HDR, EXR or PFM
     ///
     /// MAP can also be a text file of directional lights (docs/known-light.md), or a built-in
     /// light: studio, sky or lamp.
     #[arg(long, value_name = "MAP")]
     light: PathBuf,
-    /// Colour space of a light map that does not state one [default: rec709]
+    /// Colour space of an environment map that does not state one [default: rec709]
     #[arg(long, value_enum, value_name = "SPACE")]
     colorspace: Option<SpaceName>,
     /// Image to write: .exr contains radiance and coverage, .png is tone-mapped for display
@@ -74,7 +74,7 @@ pub(crate) struct RenderOptions {
     /// gonio subdivides the light until the sum of all error bounds is below this share of the
     /// radiance. Actual errors are much smaller: a bound of 0.2 gives an error of about 0.5 %, and
     /// takes five to ten times as long as the default. By default, gonio samples half vectors at
-    /// the resolution of the light map, with an error of about 0.5 % but no bound.
+    /// the resolution of the environment map, with an error of about 0.5 % but no bound.
     #[arg(long)]
     tolerance: Option<f64>,
 }

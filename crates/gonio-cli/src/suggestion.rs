@@ -21,7 +21,7 @@ pub(crate) fn words(suggestion: &Suggestion) -> Option<String> {
         Suggestion::OneOf(circles) => return one_of(circles),
         Suggestion::TrustNormals => "skip this check with --trust-normals",
         Suggestion::KeepColours => "to use them, specify --keep-colors",
-        Suggestion::AlignLight => "search for the rotation of the light map with --align-light",
+        Suggestion::AlignLight => "search for the rotation of the environment map with --align-light",
         Suggestion::Force => "use --force to estimate anyway",
         Suggestion::Linear => "use --linear if the values are linear radiance",
         Suggestion::Layer => "select another layer with --layer NAME",

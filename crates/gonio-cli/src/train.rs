@@ -38,7 +38,7 @@ pub(crate) enum Command {
 /// Options of `gonio train lighting`.
 #[derive(clap::Args)]
 pub(crate) struct TrainLightingOptions {
-    /// Folder of lat-long light maps (.hdr, .exr, .pfm)
+    /// Folder of lat-long environment maps (.hdr, .exr, .pfm)
     dir: PathBuf,
     /// File to write
     #[arg(short, long)]
@@ -120,7 +120,7 @@ impl Channel {
 /// Options of `gonio train posterior`.
 #[derive(clap::Args)]
 pub(crate) struct TrainPosteriorOptions {
-    /// Folder of lat-long light maps (.hdr, .exr, .pfm)
+    /// Folder of lat-long environment maps (.hdr, .exr, .pfm)
     #[arg(long, value_name = "DIR")]
     lights: PathBuf,
     /// Folders of measured BRDFs
@@ -135,7 +135,7 @@ pub(crate) struct TrainPosteriorOptions {
     /// Channel of the measured BRDFs to use
     #[arg(long, value_enum, default_value_t = Channel::Luminance)]
     channel: Channel,
-    /// Number of views of light maps in each group of simulated scenes
+    /// Number of views of environment maps in each group of simulated scenes
     #[arg(long, default_value_t = PosteriorSettings::default().views)]
     views: usize,
     /// Number of materials in each group of simulated scenes
@@ -164,7 +164,7 @@ pub(crate) struct TrainColoursOptions {
     /// Model to retrain [default: the embedded model]
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
-    /// Folder of lat-long light maps (.hdr, .exr, .pfm)
+    /// Folder of lat-long environment maps (.hdr, .exr, .pfm)
     #[arg(long, value_name = "DIR")]
     lights: PathBuf,
     /// Folders of measured BRDFs, as for gonio train posterior

@@ -24,7 +24,7 @@ use crate::metrics::median;
 
 /// Largest error of a centre or a radius that counts as correct, in pixels.
 const CORRECT: f64 = 0.5;
-/// Rows to which a light map is reduced.
+/// Rows to which an environment map is reduced.
 const MAP_ROWS: usize = 1024;
 /// Side of the picture of the ball that is scaled to its outline, in pixels.
 const BALL_SIDE: usize = 288;

@@ -17,7 +17,8 @@ use crate::data::Lights;
 use crate::metrics::{mean, median};
 use crate::multi_view::photograph;
 
-/// Rows to which a light map is reduced, and texels along a side of the grid of its irradiance.
+/// Rows to which an environment map is reduced, and texels along a side of the grid of its
+/// irradiance.
 const GRID: (usize, usize) = (512, 128);
 
 /// Options of `gonio-eval scales`.

@@ -12,7 +12,7 @@ use std::sync::Arc;
 
 use anyhow::{Context, Result, bail};
 use glam::{DMat4, DVec3, Vec3};
-use gonio::estimate::{CONTRADICTED, Estimate, EstimateSettings, estimate};
+use gonio::estimate::{Estimate, EstimateSettings, NORMAL_REFINEMENT_MISFIT, estimate};
 use gonio::model::Model;
 use gonio::picture::{Picture, Plane};
 use gonio::reflectance::BivariateTable;
@@ -190,7 +190,7 @@ fn photograph(rendered: Picture, seed: &str) -> Picture {
 pub(crate) fn estimate_detected(model: &Model, picture: &Picture, detection: &mut Detection) -> Result<Estimate> {
     let settings = EstimateSettings::default();
     let found = estimate(model, &detection.observations, &settings, &|_| ())?;
-    if found.light.misfit > CONTRADICTED
+    if found.light.misfit > NORMAL_REFINEMENT_MISFIT
         && let Some(refined) = detection.refined(picture)
     {
         let other = estimate(model, &refined.observations, &settings, &|_| ())?;

@@ -1,6 +1,7 @@
 //! Reads and writes all file formats of gonio, with limits on the size of input.
 //!
-//! * [`picture`]: photographs, light maps and masks (OpenEXR, Radiance, PFM, PNG, JPEG, TIFF);
+//! * [`picture`]: photographs, environment maps and masks (OpenEXR, Radiance, PFM, PNG, JPEG,
+//!   TIFF);
 //! * [`normals`]: normal maps (OpenEXR, PFM, NPY, PNG);
 //! * [`geometry`]: depth and position maps (OpenEXR, NPY, PNG);
 //! * [`material`]: materials for renderers (Mitsuba, MaterialX, glTF, Blender);

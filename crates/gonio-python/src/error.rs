@@ -38,7 +38,7 @@ pub(crate) fn words(suggestion: &Suggestion) -> Option<String> {
         }
         Suggestion::TrustNormals => "skip this check with trust_normals=True",
         Suggestion::KeepColours => "to use them, specify keep_colors=True",
-        Suggestion::AlignLight => "search for the rotation of the light map with align_light=\"around\"",
+        Suggestion::AlignLight => "search for the rotation of the environment map with align_light=\"around\"",
         Suggestion::Force => "use force=True to estimate anyway",
         Suggestion::Linear => "use linear=True if the values are linear radiance",
         Suggestion::Layer => "select another layer with layer=NAME",

@@ -52,7 +52,8 @@ pub(crate) fn read_image(
     Ok((arrays::of_colours(py, rgb), alpha, decoded.full_scale, worded(&warnings)))
 }
 
-/// Reads a light map or a list of directional lights, or creates a built-in light by its name.
+/// Reads an environment map or a list of directional lights, or creates a built-in light by its
+/// name.
 #[pyfunction]
 #[pyo3(signature = (path, colorspace))]
 pub(crate) fn read_light(

@@ -10,7 +10,7 @@ use gonio::reflectance::{BivariateTable, THETA_D, THETA_H};
 use gonio::scene::Circle;
 use gonio_app::regions::{self, Regions};
 use gonio_app::{
-    Alignment, AppError, ColourMode, InferenceResult, KnownLight, LightMapSource, Method, MirrorBall, ProgressLog,
+    Alignment, AppError, ColourMode, EnvironmentSource, InferenceResult, KnownLight, Method, MirrorBall, ProgressLog,
     Source, Spaces,
 };
 use gonio_io::colour_space::ColourSpace;
@@ -86,15 +86,17 @@ impl InferSettings<'_> {
                 reflectance: self.mirror_reflectance.unwrap_or([1.0; 3]),
             };
             return Ok(Ok(Method::KnownLight(KnownLight {
-                map: LightMapSource::MirrorBall(ball),
+                map: EnvironmentSource::MirrorBall(ball),
                 alignment: Alignment::Fixed,
                 absolute: self.mirror_reflectance.is_some(),
             })));
         }
         Ok(match (self.method.as_str(), map) {
-            ("known-light", Some(map)) => {
-                Ok(Method::KnownLight(KnownLight { map: LightMapSource::Map(map), alignment, absolute: self.absolute }))
-            }
+            ("known-light", Some(map)) => Ok(Method::KnownLight(KnownLight {
+                map: EnvironmentSource::Map(map),
+                alignment,
+                absolute: self.absolute,
+            })),
             ("known-light-basis", Some(map)) => Ok(Method::KnownLightBasis(search, map)),
             ("learnt", _) => Ok(Method::Learnt),
             ("variational" | "paper" | "map", _) => Ok(Method::Paper(search)),
@@ -111,7 +113,7 @@ impl InferSettings<'_> {
         }
     }
 
-    /// Converts a light map in memory to linear Rec. 709.
+    /// Converts an environment map in memory to linear Rec. 709.
     fn in_working_space(&self, map: Plane<Vec3>) -> Plane<Vec3> {
         match self.spaces().input {
             None | Some(ColourSpace::Rec709) => map,

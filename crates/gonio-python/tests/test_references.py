@@ -52,7 +52,7 @@ def test_a_patch_determines_colour_and_scale(beside, white):
         ({"white": (300, 25, 12)}, "outside the image of 88x48"),
         ({"white": (24, 24, 12)}, "lie on the object"),
         ({"white": (68, 25, 12), "light_color": (1, 1, 1)}, "the colour of the light and a reference are both specified"),
-        ({"white": (68, 25, 12), "light": np.ones((8, 16)), "grid": None}, "the light map and the reference both determine the colour"),
+        ({"white": (68, 25, 12), "light": np.ones((8, 16)), "grid": None}, "the environment map and the reference both determine the colour"),
         ({"white": (68, 25, 12), "grey_card": np.ones((48, 88))}, "white and grey_card are references; use only one of them"),
         ({"white": (68, 25, 12), "reference_reflectance": 2}, "reference_reflectance 2.0: must be above 0"),
         ({"color_checker": True, "reference_reflectance": 0.5}, "reference_reflectance applies to white and grey_card"),

@@ -63,7 +63,7 @@ def test_rejects_invalid_training_data(tmp_path):
         gonio.train_lighting(lights(), grid=17)
     with pytest.raises(gonio.GonioError, match="turns 0"):
         gonio.train_lighting(lights(), turns=0)
-    with pytest.raises(gonio.GonioError, match="the lights: there are no light maps"):
+    with pytest.raises(gonio.GonioError, match="the lights: there are no environment maps"):
         gonio.train_lighting([])
     with pytest.raises(gonio.GonioError, match="light 1: a lat-long map must be twice as wide as high"):
         gonio.train_lighting([lights()[0], np.ones((4, 4, 3))])

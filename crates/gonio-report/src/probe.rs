@@ -41,7 +41,7 @@ pub fn draw(views: &[&View], probe: &Probe) -> Plane<Vec3> {
         place(&mut out, left, top, &photograph(view, several));
         left += PANEL + GAP;
     }
-    text(&mut out, left, GAP, "light map (lat-long)");
+    text(&mut out, left, GAP, "environment map (lat-long)");
     place(&mut out, left, top, &map(probe));
     for (n, label) in ["camera", "left", "behind", "right"].into_iter().enumerate() {
         let at = left + n * PANEL / 2;

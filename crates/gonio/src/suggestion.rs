@@ -36,7 +36,7 @@ pub enum Suggestion {
     TrustNormals,
     /// Use regions of another colour or paint as well.
     KeepColours,
-    /// Search for the rotation of the light map.
+    /// Search for the rotation of the environment map.
     AlignLight,
     /// Estimate although shape or light contradict the photograph.
     Force,

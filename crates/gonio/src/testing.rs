@@ -28,8 +28,8 @@ pub(crate) fn lobe(floor: f64, strength: f64, width: f64) -> BivariateTable {
     BivariateTable::from_fn(move |h, _| floor + strength * (-(h / width).powi(2)).exp())
 }
 
-/// Returns a grey light map with radiance `f(direction)`.
-pub(crate) fn light_map(columns: usize, f: impl Fn(DVec3) -> f64) -> EnvironmentMap {
+/// Returns a grey environment map with radiance `f(direction)`.
+pub(crate) fn environment_map(columns: usize, f: impl Fn(DVec3) -> f64) -> EnvironmentMap {
     let rows = columns / 2;
     let direction =
         |x: usize, y: usize| direction_of_lat_long((x as f64 + 0.5) / columns as f64, (y as f64 + 0.5) / rows as f64);

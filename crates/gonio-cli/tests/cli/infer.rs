@@ -150,7 +150,10 @@ fn rejects_contradicting_lights_without_force() {
     let warnings = bench.json("out/result.json")["warnings"].clone();
     let misfit = warnings.as_array().unwrap().iter().find(|w| w.to_string().contains("RMS residual")).unwrap();
     assert!(misfit.as_str().unwrap().starts_with("ball.exr: "), "{misfit}");
-    assert!(misfit.to_string().contains("search for the rotation of the light map with --align-light"), "{misfit}");
+    assert!(
+        misfit.to_string().contains("search for the rotation of the environment map with --align-light"),
+        "{misfit}"
+    );
     bench.write("bad.txt", b"1 1 1 1 1 1\n1 2 3\n");
     bench.refuses("infer ball.exr -o bad --light bad.txt", &["bad.txt", "line 2", "x y z r g b"]);
 }

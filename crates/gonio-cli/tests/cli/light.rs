@@ -73,7 +73,7 @@ fn converts_a_mirror_ball_to_a_light() {
     let bench = bench();
     let run = bench.run("light chrome.exr -o probe.exr --reflectance 0.6").succeeds();
     assert!(
-        run.stdout.starts_with("probe.exr: light map of 128x64 pixels from a ball with a radius of 80 pixels")
+        run.stdout.starts_with("probe.exr: environment map of 128x64 pixels from a ball with a radius of 80 pixels")
             && run.stderr.is_empty(),
         "{run:?}"
     );
@@ -196,7 +196,7 @@ fn infers_a_brdf_with_a_mirror_ball_in_the_photograph() {
     };
     let (found, truth) = (table("out/brdf.npz"), table("in.binary"));
     let ratio = found.normal_albedo() / truth.normal_albedo();
-    // The light map from a ball of 80 pixels is blurred.
+    // The environment map from a ball of 80 pixels is blurred.
     assert!((ratio - 1.0).abs() < 0.1, "absolute albedo: {ratio}");
     // Without a reflectance, the scale is unknown.
     bench.run("infer both.exr --mirror-ball 103,94,80 -o grey").succeeds();

@@ -150,7 +150,7 @@ fn rejects_unusable_references() {
         ("white.exr --white 68,25,12 --light-color 1,1,1", &["both specified"]),
         (
             "white.exr --white 68,25,12 --light light.exr",
-            &["the light map and the reference both determine the colour"],
+            &["the environment map and the reference both determine the colour"],
         ),
         ("white.exr --white 68,25,12 --color none", &["a reference requires estimated colours"]),
         ("white.exr --color-checker --reference-reflectance 0.2", &["reflectances of a colour chart are published"]),

@@ -53,7 +53,7 @@ def coat(colour, width):
 
 
 def make_light(path):
-    """Writes a light map without symmetries: lamps on a sky with a gradient. It is smooth, so that a rendering with 256 samples has little noise."""
+    """Writes an environment map without symmetries: lamps on a sky with a gradient. It is smooth, so that a rendering with 256 samples has little noise."""
     height = 64
     v, u = np.mgrid[:height, : 2 * height]
     azimuth, polar = (2 * np.pi * ((u + 0.5) / (2 * height) - 0.5), np.pi * (v + 0.5) / height)

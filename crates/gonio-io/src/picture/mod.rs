@@ -1,4 +1,4 @@
-//! Pictures on disk: photographs, light maps, masks.
+//! Pictures on disk: photographs, environment maps, masks.
 //!
 //! The format is recognised by content, never by the name. Conventions:
 //! * OpenEXR: channels `R G B [A]`, `Y [A]` (grey) or `Y RY BY [A]` (luminance and chroma), under

@@ -58,7 +58,7 @@ pub struct Evidence {
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(default)]
 pub struct KnownLight {
-    /// Name of the light map.
+    /// Name of the environment map.
     pub map: String,
     /// The mirror ball on which the light was measured.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -84,7 +84,7 @@ pub struct MirrorBall {
     pub reflectance: [f64; 3],
 }
 
-/// Correction of the clipped pixels of a light map.
+/// Correction of the clipped pixels of an environment map.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct ClippedLight {
@@ -99,7 +99,7 @@ pub struct ClippedLight {
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(default)]
 pub struct Exposure {
-    /// Luminance albedo at normal incidence if photograph and light map have the same scale.
+    /// Luminance albedo at normal incidence if photograph and environment map have the same scale.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub albedo: Option<f64>,
     /// Albedo of red, green and blue, under the same condition.

@@ -144,8 +144,8 @@ pub struct Reflectance {
     /// File of the BRDF and its quantiles, in 1/sr.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub file: Option<String>,
-    /// Whether the scale of the BRDF is measured: photograph and light map have the same scale, or
-    /// the photograph has a reference. Otherwise, `normal_albedo` is assumed.
+    /// Whether the scale of the BRDF is measured: photograph and environment map have the same
+    /// scale, or the photograph has a reference. Otherwise, `normal_albedo` is assumed.
     pub absolute: bool,
     /// Luminance albedo of the BRDF at normal incidence.
     pub normal_albedo: f64,

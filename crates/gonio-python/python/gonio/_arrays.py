@@ -174,7 +174,7 @@ def mask_of(given: Picture | None, name: str = "the mask") -> str | Floats | Non
     return values
 
 
-def light_map(given: Picture, warnings: list[str], name: str = "the light") -> str | Floats:
-    """Converts a light map: a file, or an array of shape (height, 2 height, 3)."""
+def environment_map(given: Picture, warnings: list[str], name: str = "the light") -> str | Floats:
+    """Converts an environment map: a file, or an array of shape (height, 2 height, 3)."""
     light = picture(given, name, False, warnings)
     return light[0] if isinstance(light, tuple) else light

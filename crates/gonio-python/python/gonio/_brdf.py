@@ -18,7 +18,7 @@ from ._arrays import array_of, floats
 from ._validation import choice, flag, listener, numbers, positive, shown, space, space_if_given, text
 from ._convert import data_array, mitsuba_bsdf
 from ._errors import GonioError, GonioWarning
-from ._files import light_map
+from ._files import environment_map
 from ._render import drawn, render_settings
 from ._show import escaped, tonemapped
 from ._types import Floats, Listeners
@@ -277,7 +277,7 @@ class Brdf:
         listeners: Listeners = {"progress": progress, "poll": None}
         called = text(name or self.name, "name")
         scale = None if albedo is None or albedo == "fit" else positive(albedo, "albedo")
-        lit = None if light is None else light_map(light)
+        lit = None if light is None else environment_map(light)
         written = space(output_colorspace, "output_colorspace")
         ends = None if roughness is None else numbers(roughness, "roughness", "two numbers", 2)
         given = [] if draws is None else [Brdf(table).table for table in np.asarray(draws)]
@@ -426,11 +426,11 @@ def render(
         Upper bound of the relative error of the radiance. The true error is smaller, by about fifty
         times under detailed light and by five in the worst known case (a coarse uniform map). 0.2
         takes ten times as long as the default, which samples half vectors at the resolution of the
-        light map with an error of about 0.5 %.
+        environment map with an error of about 0.5 %.
     shadows : bool, default True
         Model self-shadowing of a mesh.
     colorspace : str, optional
-        Colour space of a light map that states none, as for :func:`infer`.
+        Colour space of an environment map that states none, as for :func:`infer`.
     progress : callable, optional
         Called with the name of a stage and its completed fraction.
 

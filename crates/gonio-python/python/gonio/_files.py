@@ -48,7 +48,7 @@ def read_image(path: Path, *, linear: bool = False, layer: str | None = None, co
     return rgb if alpha is None else np.dstack([rgb, alpha])
 
 
-def light_map(given: Picture, name: str = "the light", colorspace: str | None = None) -> Floats:
+def environment_map(given: Picture, name: str = "the light", colorspace: str | None = None) -> Floats:
     """Reads or converts a lat-long map: row 0 is up, the centre is -z, the right half is +x."""
     if is_path(given):
         return _gonio.read_light(os.fspath(cast(Path, given)), colorspace)

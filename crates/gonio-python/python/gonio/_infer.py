@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypedDict, cast, overload
 
 from . import _gonio
 from ._arguments import Camera, Path, Photograph, Picture, Progress, Shape, is_path
-from ._arrays import light_map, name_of
+from ._arrays import environment_map, name_of
 from ._validation import choice, circle, flag, integer, listener, numbers, reflectances, shown, space, space_if_given
 from ._errors import GonioError, GonioWarning
 from ._gonio import Model
@@ -225,7 +225,7 @@ def infer(
     colorspace : str, optional
         Colour space of arrays and of files that state none: ``"rec709"`` (default, also
         ``"srgb"``), ``"display-p3"``, ``"rec2020"``, ``"acescg"``, ``"aces2065-1"``, ``"xyz"``
-        (docs/colour-spaces.md). It also applies to the light map.
+        (docs/colour-spaces.md). It also applies to the environment map.
     output_colorspace : str, default "rec709"
         Colour space of the BRDF and the light that :meth:`Posterior.save` writes. Arrays are always
         linear Rec. 709.
@@ -278,10 +278,10 @@ def infer(
         Reflectance of the mirror ball at normal incidence; chrome has about 0.55. With it, the BRDF
         is absolute. By default, the ball is grey and the scale of the BRDF is unknown.
     align_light : {"near", "around", "fixed"}, optional
-        Rotations of the light map to search: a few degrees about any axis (default), additionally
+        Rotations of the environment map to search: a few degrees about any axis (default), additionally
         any angle about the vertical, or none.
     absolute : bool, default False
-        Photograph and light map have the same scale, so that the BRDF is absolute. By default, its
+        Photograph and environment map have the same scale, so that the BRDF is absolute. By default, its
         albedo is 0.5 at normal incidence.
     shadows : bool, default True
         Model self-shadowing.
@@ -387,7 +387,7 @@ def prepared(options: dict[str, Any]) -> tuple[GivenScene, Settings, Model, list
         "seed": 1 if options["seed"] is None else integer(options["seed"], "seed"),
         "solver": choice(options["solver"] or "blocks", "solver", ("blocks", "printed")),
         "full_rows": flag(options["full_rows"], "full_rows"),
-        "light": None if light is None else light_map(light, messages),
+        "light": None if light is None else environment_map(light, messages),
         "mirror_ball": ball,
         "mirror_reflectance": reflectance,
         "align_light": choice(options["align_light"] or "near", "align_light", ("near", "around", "fixed")),

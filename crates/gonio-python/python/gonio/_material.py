@@ -262,7 +262,7 @@ class Material(Result):
 
     @property
     def verdict(self) -> str:
-        """Finish in words, roughness with its 90 % interval, and how well the peak height is known."""
+        """Finish in words, and roughness and peak height with their 90 % intervals."""
         return self._found["verdict"]
 
     @property

@@ -91,7 +91,7 @@ def light_probe(
     clip: float | None = None,
     progress: Progress | None = None,
 ) -> LightProbe:
-    """Convert one or two photographs of a mirror ball to a light map.
+    """Convert one or two photographs of a mirror ball to an environment map.
 
     Parameters
     ----------
@@ -122,7 +122,7 @@ def light_probe(
     Returns
     -------
     LightProbe
-        The light map.
+        The environment map.
 
     Raises
     ------

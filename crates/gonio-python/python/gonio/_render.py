@@ -10,7 +10,7 @@ from . import _gonio
 from ._arguments import Camera, Picture, Progress, Shape
 from ._validation import flag, integer, listener, positive, shown
 from ._errors import GonioError, GonioWarning
-from ._files import light_map
+from ._files import environment_map
 from ._shape import given_shape
 from ._types import Floats, GivenShape, RenderSettings
 
@@ -74,7 +74,7 @@ def drawn(
 ) -> Floats:
     """Renders the table of a BRDF. Warnings refer to the caller of the calling function."""
     listener(progress)
-    lit = studio_light() if light is None else light_map(light, colorspace=colorspace)
+    lit = studio_light() if light is None else environment_map(light, colorspace=colorspace)
     rgb, alpha, messages = _gonio.render(table, full, lit, given, settings, {"progress": progress, "poll": None})
     for message in messages:
         warnings.warn(message, GonioWarning, stacklevel=3)

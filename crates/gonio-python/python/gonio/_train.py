@@ -14,7 +14,7 @@ from ._arguments import Array, Path, Picture, Progress, is_path
 from ._arrays import floats
 from ._brdf import Brdf
 from ._validation import choice, integer, listener, number, shown
-from ._files import light_map
+from ._files import environment_map
 from ._gonio import Model
 from ._types import Floats, LightingOptions, Listeners, PosteriorOptions, ReflectanceOptions
 
@@ -256,7 +256,7 @@ def _lights(lights: Lights) -> str | list[Floats]:
         return os.fspath(cast(Path, lights))
     if not isinstance(lights, Sequence):
         raise TypeError(f"lights: must be a folder or a list of maps, not {shown(lights)}")
-    return [light_map(map, f"light {i}") for i, map in enumerate(lights)]
+    return [environment_map(map, f"light {i}") for i, map in enumerate(lights)]
 
 
 def _materials(materials: Materials) -> str | list[tuple[str, Floats]]:

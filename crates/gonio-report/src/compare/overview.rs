@@ -160,7 +160,7 @@ mod tests {
     fn row_contains_the_numbers_of_its_result() {
         let three = |low: f64| Quantiles { low, median: 2.0 * low, high: 4.0 * low };
         let highlight = result::Highlight {
-            verdict: "known to a factor of 4.0".into(),
+            verdict: "satin: roughness 0.40".into(),
             roughness: Some(three(0.1)),
             gloss_units: Some(GlossUnits { albedo: 0.25, at_20: three(1.0), at_60: three(5.0) }),
             peak_to_body: PeakToBody { quantiles: three(10.0), factor: 4.0 },
@@ -189,7 +189,7 @@ mod tests {
             "background: #da0000",
             "brass<small>32 % of the posterior</small>",
             "<strong>1.8 %</strong><small>expected 15 %</small>",
-            "known to a factor of 4.0",
+            "satin: roughness 0.40",
             "<summary>2 warnings</summary><ul><li>one</li><li>two</li></ul>",
             "<small>brdf.binary: is cut short</small>",
         ] {

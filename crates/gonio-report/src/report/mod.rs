@@ -134,10 +134,10 @@ impl Report<'_> {
                 "BRDF of an object, estimated from one photograph under a known light. "
                 @match (albedo, absolute) {
                     (Some(albedo), true) => {
-                        "Photograph and light map have the same scale: the albedo at normal incidence is " (format!("{albedo:.2}")) "."
+                        "Photograph and environment map have the same scale: the albedo at normal incidence is " (format!("{albedo:.2}")) "."
                     }
                     (Some(albedo), false) => {
-                        "The albedo at normal incidence is set to 0.5. It is " (format!("{albedo:.2}")) " if photograph and light map have the same scale."
+                        "The albedo at normal incidence is set to 0.5. It is " (format!("{albedo:.2}")) " if photograph and environment map have the same scale."
                     }
                     _ => { "The albedo at normal incidence is set to 0.5." }
                 }
@@ -496,18 +496,7 @@ pub(crate) fn percent(share: f64) -> String {
     if value >= 9.95 || value == 0.0 { format!("{value:.0} %") } else { format!("{value:.1} %") }
 }
 
-/// Formats a positive number with two digits.
-pub(crate) fn short(value: f64) -> String {
-    if !value.is_finite() || value <= 0.0 {
-        return format!("{value}");
-    }
-    let digits = 1 - value.log10().floor() as i32;
-    if digits > 0 {
-        format!("{value:.*}", digits as usize)
-    } else {
-        format!("{}", (value / 10_f64.powi(-digits)).round() * 10_f64.powi(-digits))
-    }
-}
+pub(crate) use gonio::estimate::two_digits as short;
 
 /// Returns the sRGB codes of a linear colour, scaled to 70 % in its largest channel.
 fn codes(rgb: &[f64; 3]) -> [u8; 3] {

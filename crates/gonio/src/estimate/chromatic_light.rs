@@ -50,7 +50,7 @@ const BRIGHTNESS_FLOOR: f64 = 0.2;
 /// Green-magenta difference above which the colours of the BRDF are reported as unreliable. The
 /// median error of the colours was at least 0.48 above it, and 0.17 below a difference of 0.1
 /// (docs/trials.md).
-const TOO_FAR: f64 = 0.2;
+const MAX_GREEN_MAGENTA_RESIDUAL: f64 = 0.2;
 
 /// Colours of a light, and their residual.
 #[derive(Clone, Debug, PartialEq)]
@@ -69,7 +69,7 @@ pub struct ChromaticLight {
 impl ChromaticLight {
     /// Returns a diagnostic if the colours of the BRDF are unreliable.
     pub(super) fn diagnostic(&self) -> Option<Diagnostic> {
-        (self.chroma_residual[1] > TOO_FAR).then_some(Diagnostic::Colours(self.chroma_residual[1]))
+        (self.chroma_residual[1] > MAX_GREEN_MAGENTA_RESIDUAL).then_some(Diagnostic::Colours(self.chroma_residual[1]))
     }
 }
 

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use super::Reason;
+use super::MisfitCause;
 
 /// Diagnostic of an estimate, displayed as one line.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -13,23 +13,22 @@ pub enum Diagnostic {
     OutOfDistribution(f64),
     /// Share of the BRDF's domain that is undetermined.
     Undetermined(f64),
-    /// Difference between photograph and BRDF from green to magenta ([`ChromaticLight::apart`]), in
-    /// natural logarithms. Few lights explain it.
-    ///
-    /// [`ChromaticLight::apart`]: super::ChromaticLight::chroma_residual
+    /// Difference between photograph and BRDF from green to magenta, in natural logarithms
+    /// ([`ChromaticLight::chroma_residual`](super::ChromaticLight::chroma_residual)). Few lights
+    /// explain it.
     Colours(f64),
     /// Relative standard deviation of pixels that share a normal.
     Scatter(f64),
-    /// Rotation vector of the light map in the best fit, in degrees about x, y and z.
+    /// Rotation vector of the environment map in the best fit, in degrees about x, y and z.
     LightRotated([f64; 3]),
-    /// The clipped pixels of a light map are brighter than their values.
+    /// The clipped pixels of an environment map are brighter than their values.
     Clipped {
         /// Ratio of the true to the clipped radiance.
         gain: f64,
         /// Standard deviation of the logarithm of `gain`.
         sd: f64,
     },
-    /// Width in degrees of a pixel of the light map, which is wider than the highlight.
+    /// Width in degrees of a pixel of the environment map, which is wider than the highlight.
     Coarse(f64),
     /// Relative root mean square residual of a channel (0 red, 1 green, 2 blue) of the photograph,
     /// beyond that of the luminance.
@@ -47,7 +46,7 @@ pub enum Diagnostic {
         /// Expected residual ([`expected_misfit`](super::expected_misfit)).
         expected: f64,
         /// The most probable reason.
-        reason: Reason,
+        reason: MisfitCause,
     },
 }
 
@@ -83,21 +82,21 @@ impl fmt::Display for Diagnostic {
                 let angle = x.hypot(*y).hypot(*z);
                 write!(
                     f,
-                    "gonio rotated the light map by {angle:.1} degrees to fit the photograph (rotation vector {x:.1}, \
+                    "gonio rotated the environment map by {angle:.1} degrees to fit the photograph (rotation vector {x:.1}, \
                      {y:.1}, {z:.1} degrees)"
                 )
             }
             Self::Clipped { gain, sd } => write!(
                 f,
-                "the brightest pixels of the light map are clipped; according to the photograph, their true \
+                "the brightest pixels of the environment map are clipped; according to the photograph, their true \
                  radiance is {gain:.1} times the clipped value (90 % interval {:.1} to {:.1})",
                 gain * (-1.645 * sd).exp(),
                 gain * (1.645 * sd).exp(),
             ),
             Self::Coarse(degrees) => write!(
                 f,
-                "the pixels of the light map are {degrees:.1} degrees wide, wider than the highlight, so the sharpness \
-                 of the material is undetermined; use a light map of higher resolution"
+                "the pixels of the environment map are {degrees:.1} degrees wide, wider than the highlight, so the sharpness \
+                 of the material is undetermined; use an environment map of higher resolution"
             ),
             Self::Misfit { misfit: left, expected, reason } => write!(
                 f,
@@ -106,21 +105,21 @@ impl fmt::Display for Diagnostic {
                 100.0 * left,
                 100.0 * expected,
                 match reason {
-                    Reason::Texture => "strong texture, scratches, dust and noise",
-                    Reason::Light =>
-                        "a light map that is rotated, clipped, too coarse or from another place, several materials, \
+                    MisfitCause::Texture => "strong texture, scratches, dust and noise",
+                    MisfitCause::KnownLight =>
+                        "an environment map that is rotated, clipped, too coarse or from another place, several materials, \
                          self-shadowing, and a misaligned outline or normal map",
-                    Reason::Regions =>
+                    MisfitCause::Geometry =>
                         "a misaligned outline or normal map, a wrong camera or pose, several materials, dust or print, \
                          self-shadowing, nearby lights, and a tone-mapped photograph",
                 }
             ),
             Self::Channel { channel, misfit: left } => write!(
                 f,
-                "the misfit beyond that of the luminance is {:.0} % in the {} channel; possible causes \
-                 are a light map with another white balance or colour space, and several colours",
-                100.0 * left,
+                "the {} channel has a residual of {:.0} % in addition to the misfit of the luminance; possible \
+                 causes are an environment map of another white balance or colour space, and several colours",
                 ["red", "green", "blue"][*channel],
+                100.0 * left,
             ),
             Self::Colours(apart) => write!(
                 f,

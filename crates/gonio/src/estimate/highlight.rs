@@ -81,8 +81,21 @@ impl Finish {
 /// Describes the finish of a surface with this roughness and these gloss units at 60 degrees.
 fn in_words(roughness: f64, units: f64) -> String {
     let finish = Finish::of(roughness, units);
-    let is_weak = Finish::of_roughness(roughness) as u8 > finish as u8 + 1;
-    format!("{}{}", finish.name(), if is_weak { " with a sharp, weak highlight" } else { "" })
+    let is_weak = finish < Finish::of_roughness(roughness);
+    format!("{}{}", finish.name(), if is_weak { " (weak highlight)" } else { "" })
+}
+
+/// Formats a positive number with two significant digits.
+pub fn two_digits(value: f64) -> String {
+    if !value.is_finite() || value <= 0.0 {
+        return format!("{value}");
+    }
+    let digits = 1 - value.log10().floor() as i32;
+    if digits > 0 {
+        format!("{value:.*}", digits as usize)
+    } else {
+        format!("{}", (value / 10_f64.powi(-digits)).round() * 10_f64.powi(-digits))
+    }
 }
 
 impl Highlight {
@@ -133,15 +146,13 @@ impl Material {
         Finish::of(self.highlight.roughness()[1], at_60[1])
     }
 
-    /// Describes finish, roughness and certainty in one line, with 90 % intervals.
+    /// Describes finish, roughness and peak height in one line, with 90 % intervals.
     pub fn verdict(&self) -> String {
         let [sharp, roughness, dull] = self.highlight.roughness();
-        let factor = self.peak_factor();
-        let how = if factor > WIDE { "uncertain by" } else { "known to" };
-        let digits = usize::from(factor < 9.95);
         let [_, at_60] = self.highlight.units;
+        let [low, peak, high] = self.peak_to_body.map(two_digits);
         format!(
-            "{}: roughness {roughness:.2} ({sharp:.2} to {dull:.2}); peak height {how} a factor of {factor:.digits$}",
+            "{}: roughness {roughness:.2} ({sharp:.2} to {dull:.2}), peak height {peak} ({low} to {high})",
             in_words(roughness, at_60[1])
         )
     }
@@ -162,7 +173,7 @@ mod tests {
         let names = [2.0, 20.0, 50.0, 70.0].map(|units| Finish::of(0.18, units).name());
         assert_eq!(names, ["matte", "satin", "semi-gloss", "gloss"]);
         assert_eq!(Finish::of(0.5, 1000.0), Finish::Satin);
-        assert_eq!(in_words(0.08, 20.0), "satin with a sharp, weak highlight");
-        assert_eq!([in_words(0.3, 20.0), in_words(0.18, 70.0)], ["satin", "gloss"]);
+        assert_eq!(in_words(0.18, 20.0), "satin (weak highlight)");
+        assert_eq!([in_words(0.5, 20.0), in_words(0.18, 70.0)], ["satin", "gloss"]);
     }
 }

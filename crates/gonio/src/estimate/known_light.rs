@@ -7,7 +7,7 @@ use glam::{DQuat, DVec3};
 use super::colouring::{COLOUR_DRAWS, COLOUR_SEED};
 use super::material::MaterialDraft;
 use super::misfit::MAX_NOISE;
-use super::{Colouring, ColouringRule, Diagnostic, EstimateError, EstimateStage, Material, Reason};
+use super::{Colouring, ColouringRule, Diagnostic, EstimateError, EstimateStage, Material, MisfitCause};
 use crate::appearance::DiskImage;
 use crate::colour::{Chroma, ColourEstimate, is_grey};
 use crate::inference::known_light::{
@@ -28,7 +28,7 @@ use crate::scene::Observations;
 const EXPECTED: f64 = 0.1;
 
 /// Ratio of the misfit to the expected one above which it is reported.
-const TOO_LARGE: f64 = 1.25;
+const MISFIT_WARNING_RATIO: f64 = 1.25;
 
 /// Residual of a channel, beyond that of the luminance, above which it is reported.
 const MAX_CHANNEL_MISFIT: f64 = 0.1;
@@ -75,13 +75,13 @@ impl KnownLightEstimate {
         EXPECTED.hypot(self.material.scatter.min(MAX_NOISE))
     }
 
-    /// Returns the diagnostics, misfit first, including the corrections of the light map.
+    /// Returns the diagnostics, misfit first, including the corrections of the environment map.
     pub fn diagnostics(&self) -> Vec<Diagnostic> {
         let (left, expected) = (self.misfit, self.expected_misfit());
-        let misfit = (left > TOO_LARGE * expected).then_some(Diagnostic::Misfit {
+        let misfit = (left > MISFIT_WARNING_RATIO * expected).then_some(Diagnostic::Misfit {
             misfit: left,
             expected,
-            reason: Reason::Light,
+            reason: MisfitCause::KnownLight,
         });
         let turn = self.rotation.to_scaled_axis();
         let turned =
@@ -126,8 +126,8 @@ fn highlight(table: &BivariateTable) -> f64 {
     half.map_or(f64::INFINITY, |half| 4.0 * half)
 }
 
-/// Estimates the material and its colours under a light map in camera space. `progress` is called
-/// when a stage begins.
+/// Estimates the material and its colours under an environment map in camera space. `progress` is
+/// called when a stage begins.
 ///
 /// # Errors
 /// If the model has no posterior of materials, light or image are black, or nothing is observed.

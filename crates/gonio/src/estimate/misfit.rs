@@ -4,14 +4,14 @@ use super::{Diagnostic, Light, Material};
 
 /// The most probable reason for a misfit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Reason {
+pub enum MisfitCause {
     /// The surface varies from pixel to pixel.
     Texture,
     /// Regions differ from the prediction: several materials, shadows, light from nearby, misplaced
     /// normals or outline.
-    Regions,
+    Geometry,
     /// The given light is not that of the photograph, or has another orientation.
-    Light,
+    KnownLight,
 }
 
 /// Residual that a light of 32 x 32 texels leaves of a clean simulated photograph.
@@ -22,11 +22,11 @@ pub enum Reason {
 const RESOLUTION: [(f64, f64); 5] = [(0.0, 0.05), (2.0, 0.08), (5.0, 0.22), (7.0, 0.45), (10.0, 0.45)];
 
 /// Ratio of the misfit to the expected one above which it is reported.
-const TOO_LARGE: f64 = 1.25;
+const MISFIT_WARNING_RATIO: f64 = 1.25;
 
 /// Largest expected share of the fine detail of a photograph that the light leaves unexplained.
 /// `gonio-eval calibration` measured 0.66 to 0.81 for mirrors and lacquers, which is less than this
-/// value times [`TOO_LARGE`].
+/// value times [`MISFIT_WARNING_RATIO`].
 const UNRESOLVED: f64 = 0.7;
 
 /// Largest deviation of pixels with the same normal that counts as noise. Larger deviations come
@@ -35,7 +35,7 @@ pub(super) const MAX_NOISE: f64 = 0.1;
 
 /// Misfit above which inaccurate normals are refined
 /// ([`Detection::refined`](crate::scene::Detection::refined)).
-pub const CONTRADICTED: f64 = 0.2;
+pub const NORMAL_REFINEMENT_MISFIT: f64 = 0.2;
 
 /// Residual above which an estimate is refused: light and material then explain less than three
 /// quarters of the energy of the photograph.
@@ -61,8 +61,8 @@ fn expected(gloss: f64, fineness: f64, scatter: f64) -> f64 {
 /// Returns a diagnostic if the misfit is too large.
 pub(super) fn diagnostic(material: &Material, light: &Light) -> Option<Diagnostic> {
     let (left, expected) = (light.misfit, expected_misfit(material));
-    let reason = if material.scatter > 0.5 * left { Reason::Texture } else { Reason::Regions };
-    (left > TOO_LARGE * expected).then_some(Diagnostic::Misfit { misfit: left, expected, reason })
+    let reason = if material.scatter > 0.5 * left { MisfitCause::Texture } else { MisfitCause::Geometry };
+    (left > MISFIT_WARNING_RATIO * expected).then_some(Diagnostic::Misfit { misfit: left, expected, reason })
 }
 
 #[cfg(test)]

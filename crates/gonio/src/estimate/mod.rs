@@ -30,11 +30,11 @@ pub use colouring::{Colouring, ColouringRule};
 pub use combine::{Combined, combine};
 pub use diagnostic::Diagnostic;
 pub use ends::{Ends, Region};
-pub use highlight::{Finish, Highlight, WIDE};
+pub use highlight::{Finish, Highlight, WIDE, two_digits};
 pub use known_light::{KnownLightEstimate, estimate_known_light};
 pub use light::{Light, LightEstimator};
 pub use material::{ALBEDO, Material, QUANTILE_LEVELS, draws, predictive_draws};
-pub use misfit::{CONTRADICTED, MAX_MISFIT, Reason, expected_misfit};
+pub use misfit::{MAX_MISFIT, MisfitCause, NORMAL_REFINEMENT_MISFIT, expected_misfit};
 pub use regions::{RegionEstimate, estimate_regions, irradiance};
 pub use spots::without_misleading_spots;
 

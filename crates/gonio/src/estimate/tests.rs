@@ -6,9 +6,9 @@ use glam::Vec3;
 
 use super::*;
 use crate::colour::{Chroma, ChromaField, plain};
-use crate::inference::learnt::tests::{WORLD, knowing, light_map};
+use crate::inference::learnt::tests::{WORLD, environment_map, knowing};
 use crate::inference::learnt::{MaterialPosterior, interval_widths};
-use crate::inference::{CONTRADICTION, Embedding, Likelihood};
+use crate::inference::{Embedding, Likelihood, MIN_SAME_MATERIAL_LOG_ODDS};
 use crate::lighting::{EnvironmentMap, LightGrid, LightPrior, PriorSettings};
 use crate::picture::{Picture, luminance};
 use crate::reflectance::{BivariateTable, ReflectanceBasis, trusted_cells};
@@ -19,7 +19,8 @@ use crate::transfer::{QuadratureSettings, predict};
 
 /// Model that recognises one of the world's materials.
 fn model(material: usize) -> Model {
-    let grids: Vec<LightGrid> = (0..12).map(|seed| light_map(seed).to_grid(OctahedralMap::EqualArea, 16)).collect();
+    let grids: Vec<LightGrid> =
+        (0..12).map(|seed| environment_map(seed).to_grid(OctahedralMap::EqualArea, 16)).collect();
     let light = LightPrior::learn(&grids, grids.len(), &PriorSettings { restarts: 2, seed: 1 }).unwrap();
     let reflectance = ReflectanceBasis { functions: Vec::new(), rates: Vec::new(), materials: Vec::new() };
     Model { light, reflectance, learnt: Some(knowing(material)), provenance: String::new() }
@@ -34,7 +35,7 @@ fn photograph(material: usize, colour: Vec3) -> Picture {
         accuracy: Accuracy::Bound(IntegratorSettings { tolerance: 0.5, max_cells: 3000 }),
         ..SphereSettings::default()
     };
-    let mut picture = render_sphere(&table, &LightTree::of_map(&light_map(100)), &settings, &|_| ());
+    let mut picture = render_sphere(&table, &LightTree::of_map(&environment_map(100)), &settings, &|_| ());
     picture.rgb.as_mut_slice().iter_mut().for_each(|p| *p *= colour);
     picture
 }
@@ -185,7 +186,7 @@ fn known_light_recovers_each_channel() {
     let mut model = model(2);
     model.learnt.as_mut().unwrap().colours = Some(plain());
     let luminance = WORLD.table(&WORLD.entries[2]);
-    let light = light_map(100);
+    let light = environment_map(100);
     let (red, blue) = (glam::DVec3::new(1.6, 0.9, 0.4), glam::DVec3::new(0.5, 0.9, 1.9));
     let colour = |y: usize, x: usize| {
         let d = crate::sphere::direction_of_lat_long((x as f64 + 0.5) / 96.0, (y as f64 + 0.5) / 48.0);
@@ -253,7 +254,7 @@ fn known_light_recovers_material_and_scale() {
         let given = (light, Alignment::default());
         estimate_known_light(&model, &observations, given, &ColouringRule::default(), &|_| ()).unwrap()
     };
-    let found = under(&light_map(100));
+    let found = under(&environment_map(100));
     let truth = WORLD.table(&WORLD.entries[2]);
     assert!(found.diagnostics().is_empty() && found.converged && found.misfit < 0.05, "{}", found.misfit);
     let albedo = found.exposure * ALBEDO / truth.normal_albedo();
@@ -264,9 +265,11 @@ fn known_light_recovers_material_and_scale() {
     assert!(samples.iter().all(|sample| (sample.normal_albedo() - ALBEDO).abs() < 1e-4));
 
     // The light of another place leaves a large misfit, which is reported.
-    let other = under(&light_map(101));
-    let reported =
-        other.diagnostics().into_iter().find(|d| matches!(d, Diagnostic::Misfit { reason: Reason::Light, .. }));
+    let other = under(&environment_map(101));
+    let reported = other
+        .diagnostics()
+        .into_iter()
+        .find(|d| matches!(d, Diagnostic::Misfit { reason: MisfitCause::KnownLight, .. }));
     assert!(reported.is_some(), "{} {}", other.misfit, other.expected_misfit());
 }
 
@@ -278,7 +281,7 @@ fn seen(model: &Model, material: usize, light: u64) -> Likelihood {
         accuracy: Accuracy::Bound(IntegratorSettings { tolerance: 0.5, max_cells: 3000 }),
         ..SphereSettings::default()
     };
-    let map = light_map(light);
+    let map = environment_map(light);
     let picture = render_sphere(&table, &LightTree::of_map(&map), &settings, &|_| ());
     let given = (&map, Alignment::Fixed);
     let found = estimate_known_light(model, &observations(&picture), given, &ColouringRule::Grey, &|_| ()).unwrap();
@@ -312,7 +315,7 @@ fn rejects_photographs_of_different_materials() {
     let all = [seen(&model, 2, 100), seen(&model, 0, 101), seen(&model, 2, 102)];
     let error = combine(&model, &all).unwrap_err();
     let EstimateError::Product(ProductError::Contradiction { at: 1, ratio }) = error else { panic!("{error}") };
-    assert!(ratio < CONTRADICTION, "{ratio}");
+    assert!(ratio < MIN_SAME_MATERIAL_LOG_ODDS, "{ratio}");
 }
 
 #[test]
@@ -358,6 +361,6 @@ fn warns_about_a_ball_of_two_materials() {
     let (one, two) = (found(&picture), found(&painted));
     assert_eq!(misfit(&one), None, "{}", one.light.misfit);
     let reported = misfit(&two).unwrap_or_else(|| panic!("{} {}", two.light.misfit, expected_misfit(&two.material)));
-    assert!(matches!(reported, Diagnostic::Misfit { reason: Reason::Regions, .. }), "{reported}");
+    assert!(matches!(reported, Diagnostic::Misfit { reason: MisfitCause::Geometry, .. }), "{reported}");
     assert!(reported.to_string().contains("several materials"), "{reported}");
 }

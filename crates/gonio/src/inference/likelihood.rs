@@ -13,7 +13,7 @@ use super::learnt::LearntPosterior;
 
 /// Log odds of one material for all photographs to another one for the photograph in question,
 /// below which the photographs contradict each other (docs/combine.md).
-pub const CONTRADICTION: f64 = -12.0;
+pub const MIN_SAME_MATERIAL_LOG_ODDS: f64 = -12.0;
 
 /// Likelihood of a material given a photograph, up to a constant.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -132,7 +132,7 @@ impl Likelihood {
         };
         let agreement = agreement.ok_or(ProductError::Damaged)?;
         let worst = (0..all.len()).min_by(|a, b| agreement[*a].total_cmp(&agreement[*b])).unwrap_or(0);
-        if agreement[worst] < CONTRADICTION {
+        if agreement[worst] < MIN_SAME_MATERIAL_LOG_ODDS {
             return Err(ProductError::Contradiction { at: worst, ratio: agreement[worst] });
         }
         Ok(LikelihoodProduct { likelihood, agreement })

@@ -14,4 +14,4 @@ pub mod light;
 mod likelihood;
 
 pub use image_prior::{Hyperparameters, ImageError, MODEL_ERROR};
-pub use likelihood::{CONTRADICTION, Embedding, Likelihood, LikelihoodProduct, ProductError};
+pub use likelihood::{Embedding, Likelihood, LikelihoodProduct, MIN_SAME_MATERIAL_LOG_ODDS, ProductError};

@@ -117,7 +117,7 @@ impl fmt::Display for ProbeWarning {
         match self {
             Self::Clipped { clipped, used } => write!(
                 f,
-                "{clipped} of {used} pixels on the ball are clipped; the light map underestimates the radiance \
+                "{clipped} of {used} pixels on the ball are clipped; the environment map underestimates the radiance \
                  there; add shorter exposures"
             ),
             Self::Faulty { faulty, used } => {

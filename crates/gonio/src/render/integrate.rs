@@ -216,7 +216,7 @@ mod tests {
     use super::*;
     use crate::lighting::EnvironmentMap;
     use crate::sphere::fibonacci_hemisphere;
-    use crate::testing::light_map;
+    use crate::testing::environment_map;
 
     fn lobe(width: f64) -> BivariateTable {
         BivariateTable::from_fn(|h, _| 0.02 + 1.0 / (1.0 + (h / width).powi(2)).powi(2))
@@ -263,14 +263,14 @@ mod tests {
     #[test]
     fn sharp_lobes_under_smooth_light_are_integrated() {
         for width in [0.3, 3.0, 30.0_f64] {
-            check(&lobe(width.to_radians()), &light_map(256, |d| 1.0 + d.y), 1200, 0.01);
+            check(&lobe(width.to_radians()), &environment_map(256, |d| 1.0 + d.y), 1200, 0.01);
         }
     }
 
     #[test]
     fn small_lamps_are_not_missed() {
         let lamp = DVec3::new(0.4, 0.5, 0.6).normalize();
-        let light = light_map(256, |d| if d.angle_between(lamp) < 0.04 { 5000.0 } else { 0.5 });
+        let light = environment_map(256, |d| if d.angle_between(lamp) < 0.04 { 5000.0 } else { 0.5 });
         for width in [1.0, 5.0, 60.0_f64] {
             check(&lobe(width.to_radians()), &light, 2400, 0.02);
         }
@@ -279,7 +279,7 @@ mod tests {
     #[test]
     fn white_lambertian_ball_in_white_light_is_white() {
         let white = BivariateTable::from_fn(|_, _| 1.0 / PI);
-        let tree = LightTree::of_map(&light_map(256, |_| 1.0));
+        let tree = LightTree::of_map(&environment_map(256, |_| 1.0));
         let fine = IntegratorSettings { tolerance: 0.02, ..IntegratorSettings::default() };
         for normal in fibonacci_hemisphere(10) {
             let got = radiance(&at(normal), &white, &white, &tree, &fine);

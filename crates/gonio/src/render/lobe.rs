@@ -420,7 +420,7 @@ mod tests {
     use super::super::{IntegratorSettings, LightTree, radiance};
     use super::*;
     use crate::reflectance::MerlTable;
-    use crate::testing::{ball, light_map};
+    use crate::testing::{ball, environment_map};
 
     /// Returns the sorted relative errors of the half vectors against the integrator.
     fn errors(brdf: &dyn Brdf, tree: &LightTree, settings: SamplerSettings) -> Vec<f64> {
@@ -446,7 +446,7 @@ mod tests {
 
     #[test]
     fn matches_the_integrator() {
-        let tree = LightTree::of_map(&light_map(256, lamp));
+        let tree = LightTree::of_map(&environment_map(256, lamp));
         let lobe = |width: f64| BivariateTable::from_fn(|h, d| 0.1 + d + 3.0 / (1.0 + (h / width).powi(2)).powi(2));
         for (width, median, worst) in [(1.0, 0.003, 0.02), (0.2, 0.003, 0.03), (0.05, 0.005, 0.08)] {
             for (settings, times) in [(SamplerSettings::FINE, 1.0), (SamplerSettings::DRAFT, 3.0)] {
@@ -459,7 +459,7 @@ mod tests {
 
     #[test]
     fn rotated_light_matches_rotated_map() {
-        let map = light_map(64, lamp);
+        let map = environment_map(64, lamp);
         let mut tree = LightTree::of_map(&map);
         let turn = glam::DQuat::from_rotation_y(-std::f64::consts::TAU * 16.0 / 128.0);
         let want = PrefilteredLight::of(&LightTree::of_map(&map.shifted_columns(16)));
@@ -488,7 +488,7 @@ mod tests {
 
     #[test]
     fn renders_tables_that_depend_on_phi_d() {
-        let tree = LightTree::of_map(&light_map(64, |d| 1.5 + d.y));
+        let tree = LightTree::of_map(&environment_map(64, |d| 1.5 + d.y));
         let table = BivariateTable::from_fn(|h, _| 0.1 + 2.0 / (1.0 + (h / 0.3).powi(2)).powi(2));
         let even = MerlTable::from_bivariate([&table; 3]);
         assert!(even.is_bivariate());

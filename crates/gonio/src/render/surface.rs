@@ -162,10 +162,10 @@ mod tests {
     use super::super::{IntegratorSettings, SphereSettings, render_sphere};
     use super::*;
     use crate::shape::{Ellipsoid, Form, Projection, Tracer, hit_at};
-    use crate::testing::light_map;
+    use crate::testing::environment_map;
 
     fn light(f: impl Fn(DVec3) -> f64) -> LightTree {
-        LightTree::of_map(&light_map(128, f))
+        LightTree::of_map(&environment_map(128, f))
     }
 
     fn lobe() -> BivariateTable {

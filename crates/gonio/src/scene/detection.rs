@@ -260,8 +260,9 @@ impl Detection {
     /// relief.
     ///
     /// Use it if the misfit of an estimate shows that the normals are wrong
-    /// ([`CONTRADICTED`](crate::estimate::CONTRADICTED)), and keep the estimate with the smaller
-    /// misfit. Returns `None` for accurate normals, and if too few pixels remain.
+    /// ([`NORMAL_REFINEMENT_MISFIT`](crate::estimate::NORMAL_REFINEMENT_MISFIT)), and keep the
+    /// estimate with the smaller misfit. Returns `None` for accurate normals, and if too few pixels
+    /// remain.
     #[must_use]
     pub fn refined(&self, picture: &Picture) -> Option<Self> {
         let (Some(Inaccurate { error, camera }), Some(normals), settings) =

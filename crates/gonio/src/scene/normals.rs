@@ -8,7 +8,7 @@ use super::cells::SurfaceGeometry;
 use super::components::neighbours;
 use super::observed::{COVERED, ObservedColour, check_size};
 use super::repair::{repaired, without_outliers};
-use super::status::{Judged, judge};
+use super::status::{PixelClassification, classify_pixels};
 use super::view::{SurfaceView, has_normal};
 use super::weights::weights;
 use super::{ObservationReport, ObservationSettings, Observations, PixelStatus, SceneError};
@@ -127,7 +127,8 @@ impl Observations {
         }
         let normal = |at| normals[at].normalize_or_zero();
         let underlay = SurfaceGeometry { normal: &normal, convex: false };
-        let Judged { mut statuses, mut report } = judge(rgb, &region, settings, &underlay, report)?;
+        let PixelClassification { mut statuses, mut report } =
+            classify_pixels(rgb, &region, settings, &underlay, report)?;
         let without_outliers = without_outliers(rgb, &statuses);
         for (i, (inside, status)) in region.as_mut_slice().iter_mut().zip(statuses.as_slice()).enumerate() {
             let sound = !status.is_faulty() || *status == PixelStatus::Outlier && repaired(rgb, &statuses, i).is_some();
@@ -180,7 +181,7 @@ impl Observations {
             taken.iter().map(|c| c.point(surface)).collect(),
             taken.iter().map(|c| centre(c.pixel as usize)).collect(),
             observed.collect(),
-            Judged { statuses, report },
+            PixelClassification { statuses, report },
         )?;
         let pixels: Vec<usize> = taken.iter().map(|c| c.pixel as usize).collect();
         observations.weights = weights(rgb, normals, &region, &pixels);

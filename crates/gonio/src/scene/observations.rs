@@ -10,7 +10,7 @@ use super::cells::SurfaceGeometry;
 use super::circle::MIN_BALL_RADIUS;
 use super::observed::{COVERED, ObservedColour, check_size};
 use super::repair::repaired;
-use super::status::{Judged, judge};
+use super::status::{PixelClassification, classify_pixels};
 use super::{Circle, PixelStatus, SceneError};
 use crate::appearance::Sample;
 use crate::picture::{Picture, Plane, luminance};
@@ -297,7 +297,7 @@ impl Observations {
             DVec3::new(nx, ny, (1.0 - nx * nx - ny * ny).max(0.0).sqrt()).as_vec3()
         };
         let underlay = SurfaceGeometry { normal: &normal, convex: true };
-        let judged = judge(rgb, &region, settings, &underlay, ObservationReport::default())?;
+        let judged = classify_pixels(rgb, &region, settings, &underlay, ObservationReport::default())?;
 
         let points = sphere_points(settings);
         let pixels: Vec<(f64, f64)> =
@@ -318,7 +318,7 @@ impl Observations {
         points: Vec<SurfacePoint>,
         pixels: Vec<(f64, f64)>,
         observed: Vec<ObservedColour>,
-        Judged { statuses, report }: Judged,
+        PixelClassification { statuses, report }: PixelClassification,
     ) -> Result<Self, SceneError> {
         let colour = |s: &ObservedColour| if let ObservedColour::Colour(colour) = s { Some(*colour) } else { None };
         let count = |which: ObservedColour| observed.iter().filter(|s| **s == which).count();

@@ -116,8 +116,7 @@ impl fmt::Display for SceneWarning {
             ),
             Self::Outline(circle) => write!(
                 f,
-                "the specified circle is not on the edge of the ball, which is rather a circle with centre ({:.1}, {:.1}) \
-                 and radius {:.1}",
+                "the specified circle does not match the edge of the ball, which has the centre ({:.1}, {:.1}) and the radius {:.1}",
                 circle.x, circle.y, circle.radius
             ),
             Self::Inside { inside, visible } => write!(
@@ -159,8 +158,8 @@ impl fmt::Display for SceneWarning {
             ),
             Self::Isolated { isolated, observed } => write!(
                 f,
-                "gonio uses {isolated} of {observed} pixels that differ strongly from their neighbours, because the object \
-                 has sharp reflections or glitters; remove hot pixels and fireflies, which make the roughness unreliable"
+                "{isolated} of {observed} pixels look like outliers, but gonio uses them, because the object has sharp \
+                 reflections or glitters; remove hot pixels and fireflies, which make the roughness unreliable"
             ),
             Self::Pattern { pixels, observed, ratio } => write!(
                 f,

@@ -63,7 +63,7 @@ impl PixelStatus {
 }
 
 /// Status of all pixels, with counts.
-pub(super) struct Judged {
+pub(super) struct PixelClassification {
     pub(super) statuses: Plane<PixelStatus>,
     /// Report with the counts of pixels filled in.
     pub(super) report: ObservationReport,
@@ -76,13 +76,13 @@ pub(super) struct Judged {
 ///
 /// # Errors
 /// [`SceneError::BadPixels`] if more than half of the pixels are faulty.
-pub(super) fn judge(
+pub(super) fn classify_pixels(
     rgb: &Plane<Vec3>,
     region: &Plane<bool>,
     settings: &ObservationSettings,
     underlay: &SurfaceGeometry<'_>,
     report: ObservationReport,
-) -> Result<Judged, SceneError> {
+) -> Result<PixelClassification, SceneError> {
     let (width, height) = rgb.size();
     let status = |(&colour, &inside): (&Vec3, &bool)| match inside {
         true => PixelStatus::fault(colour).unwrap_or(PixelStatus::Used),
@@ -143,7 +143,7 @@ pub(super) fn judge(
     if 2 * (report.negative + report.not_finite) > report.observed_pixels {
         return Err(SceneError::bad_pixels(&report));
     }
-    Ok(Judged { statuses, report })
+    Ok(PixelClassification { statuses, report })
 }
 
 #[cfg(test)]
@@ -174,7 +174,7 @@ mod tests {
         let judged = |faulty: usize| {
             let value = |x, y| if 40 * y + x < faulty { f32::NAN } else { 1.0 + 0.01 * x as f32 };
             let rgb = Plane::from_fn(40, 40, |x, y| Vec3::splat(value(x, y)));
-            judge(&rgb, &region, &ObservationSettings::default(), &underlay, ObservationReport::default())
+            classify_pixels(&rgb, &region, &ObservationSettings::default(), &underlay, ObservationReport::default())
         };
         assert_eq!(judged(800).unwrap().report.not_finite, 800);
         let refused = judged(801).err().unwrap();

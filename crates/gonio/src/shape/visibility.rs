@@ -13,7 +13,7 @@ const RAYS: usize = 4;
 /// A surface point at which to compute visibility.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Viewpoint {
-    /// Origin of the rays: [`Hit::clear`](super::Hit::ray_origin).
+    /// Origin of the rays: [`Hit::ray_origin`](super::Hit::ray_origin).
     pub from: DVec3,
     /// Unit normal. Rays below its horizon are not traced.
     pub normal: DVec3,

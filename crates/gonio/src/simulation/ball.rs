@@ -13,7 +13,7 @@ use gonio_linalg::dispatch;
 use rayon::prelude::*;
 
 use super::gather::{Cells, Gather, Lamp, Layout, Ring};
-use super::orbit::{Orbits, WAYS};
+use super::orbit::{Orbits, SYMMETRIES};
 use super::pyramid::LightPyramid;
 use crate::reflectance::{BivariateTable, THETA_H};
 use crate::render::pyramid::{Part, level};
@@ -122,7 +122,7 @@ impl BallRenderer {
         };
         let laid: Vec<f32> = tables.par_iter().flat_map_iter(|t| layout.laid(t.as_slice())).collect();
         let laid = MatRef::from_column_major_slice(&laid, layout.cells(), tables.len());
-        let chunk = CHUNK * WAYS;
+        let chunk = CHUNK * SYMMETRIES;
         // `[table][orbit][way]` of each chunk.
         let parts: Vec<Vec<f32>> = orbits
             .normals
@@ -146,7 +146,7 @@ impl BallRenderer {
         let picture = |table: usize| {
             let mut picture = vec![0.0; orbits.count];
             for (part, places) in parts.iter().zip(orbits.places.chunks(CHUNK)) {
-                let values = part[table * chunk..][..chunk].as_chunks::<WAYS>().0;
+                let values = part[table * chunk..][..chunk].as_chunks::<SYMMETRIES>().0;
                 for (values, places) in values.iter().zip(places) {
                     values.iter().zip(places).for_each(|(value, place)| picture[*place] = *value);
                 }
@@ -165,15 +165,15 @@ mod tests {
     use super::*;
     use crate::render::{IntegratorSettings, LightTree, Relighter};
     use crate::shape::SurfacePoint;
-    use crate::testing::{ball, light_map};
+    use crate::testing::{ball, environment_map};
 
     #[test]
     fn pictures_match_the_integrator() {
         let lamp = DVec3::new(0.4, 0.5, 0.6).normalize();
         let light = |d: DVec3| if d.angle_between(lamp) < 0.05 { 300.0 } else { 1.0 + d.y };
-        let tree = LightTree::of_map(&light_map(1024, light));
+        let tree = LightTree::of_map(&environment_map(1024, light));
         let some = ball(120).into_iter().map(|p| p.normal.as_vec3()).filter(|n| n.z > 0.2 && n.x > n.y && n.y > 0.0);
-        let images = |n: Vec3| (0..WAYS).map(move |way| (image(way, (n.x, n.y)), n.z));
+        let images = |n: Vec3| (0..SYMMETRIES).map(move |way| (image(way, (n.x, n.y)), n.z));
         let normals: Vec<Vec3> = some.flat_map(images).map(|((x, y), z)| Vec3::new(x, y, z)).collect();
         let orbits = Orbits::of(&normals);
         let point = |n: &Vec3| SurfacePoint { normal: n.as_dvec3(), view: DVec3::Z };

@@ -8,7 +8,7 @@ use std::array;
 use glam::Vec3;
 
 use super::ball::counted;
-use super::orbit::{Eight, WAYS, image};
+use super::orbit::{SYMMETRIES, SymmetryLanes, image};
 use super::pyramid::LightPyramid;
 use crate::reflectance::{THETA_D, THETA_H};
 use crate::render::lobe::{column_of, degrees_of_cosine};
@@ -120,7 +120,7 @@ const NOTHING: (usize, usize) = (usize::MAX, 0);
 
 impl Cells {
     pub(super) fn new(layout: Layout, orbits: usize) -> Self {
-        let light = vec![0.0; layout.cells() * orbits * WAYS];
+        let light = vec![0.0; layout.cells() * orbits * SYMMETRIES];
         Self { layout, orbits, light, bands: vec![NOTHING; layout.groups] }
     }
 
@@ -136,7 +136,7 @@ impl Cells {
 
     /// Sets all cells to zero.
     pub(super) fn clear(&mut self) {
-        let (ranges, each): (Vec<_>, usize) = (self.ranges().collect(), self.orbits * WAYS);
+        let (ranges, each): (Vec<_>, usize) = (self.ranges().collect(), self.orbits * SYMMETRIES);
         ranges.into_iter().for_each(|r| self.light[r.start * each..r.end * each].fill(0.0));
         self.bands.fill(NOTHING);
     }
@@ -155,7 +155,7 @@ fn widen(bands: &mut [(usize, usize)], layout: Layout, row: usize, (low, high): 
 pub(super) struct Gather<'a> {
     pub(super) rings: &'a [Ring],
     pub(super) lamps: &'a [Lamp],
-    pub(super) light: &'a Pyramid<Eight>,
+    pub(super) light: &'a Pyramid<SymmetryLanes>,
     /// Part of the light that the rings sample.
     pub(super) part: Part,
     /// One normal of each orbit.
@@ -172,7 +172,7 @@ impl pulp::NullaryFnOnce for Gather<'_> {
             for ring in self.rings {
                 add_ring(ring, *normal, (self.light, self.part), orbit, self.cells);
             }
-            let images: [(f32, f32); WAYS] = array::from_fn(|way| image(way, (normal.x, normal.y)));
+            let images: [(f32, f32); SYMMETRIES] = array::from_fn(|way| image(way, (normal.x, normal.y)));
             let (x, y) = (images.map(|i| i.0), images.map(|i| i.1));
             for lamp in self.lamps {
                 add_lamp(lamp, (&x, &y, normal.z), orbit, self.cells);
@@ -182,8 +182,14 @@ impl pulp::NullaryFnOnce for Gather<'_> {
 }
 
 #[inline(always)]
-fn add_ring(ring: &Ring, normal: Vec3, (light, part): (&Pyramid<Eight>, Part), orbit: usize, cells: &mut Cells) {
-    let all_cells = cells.light.as_chunks_mut::<WAYS>().0;
+fn add_ring(
+    ring: &Ring,
+    normal: Vec3,
+    (light, part): (&Pyramid<SymmetryLanes>, Part),
+    orbit: usize,
+    cells: &mut Cells,
+) {
+    let all_cells = cells.light.as_chunks_mut::<SYMMETRIES>().0;
     let (right, up) = normal.any_orthonormal_pair();
     let (layout, orbits) = (cells.layout, cells.orbits);
     let (upper, lower) = (layout.first(ring.row), layout.first(ring.row + 1));
@@ -224,10 +230,10 @@ fn add_ring(ring: &Ring, normal: Vec3, (light, part): (&Pyramid<Eight>, Part), o
 
 /// Adds a lamp at the normals with coordinates `x` and `y` and their common coordinate `z`.
 #[inline(always)]
-fn add_lamp(lamp: &Lamp, (x, y, z): (&[f32; WAYS], &[f32; WAYS], f32), orbit: usize, cells: &mut Cells) {
-    let mut weights = [0.0; WAYS];
-    let mut rows = [(0, 0.0); WAYS];
-    for way in 0..WAYS {
+fn add_lamp(lamp: &Lamp, (x, y, z): (&[f32; SYMMETRIES], &[f32; SYMMETRIES], f32), orbit: usize, cells: &mut Cells) {
+    let mut weights = [0.0; SYMMETRIES];
+    let mut rows = [(0, 0.0); SYMMETRIES];
+    for way in 0..SYMMETRIES {
         let dot = |v: Vec3| v.x * x[way] + v.y * y[way] + v.z * z;
         let theta_h = degrees_of_cosine(dot(lamp.half).max(0.0));
         weights[way] = counted(theta_h) * lamp.irradiance * dot(lamp.towards).max(0.0);
@@ -235,8 +241,8 @@ fn add_lamp(lamp: &Lamp, (x, y, z): (&[f32; WAYS], &[f32; WAYS], f32), orbit: us
         rows[way] = whole(place.min((THETA_H - 1) as f32 - 1e-3));
     }
     let (layout, orbits) = (cells.layout, cells.orbits);
-    let all_cells = cells.light.as_chunks_mut::<WAYS>().0;
-    for way in (0..WAYS).filter(|&way| weights[way] > 0.0) {
+    let all_cells = cells.light.as_chunks_mut::<SYMMETRIES>().0;
+    for way in (0..SYMMETRIES).filter(|&way| weights[way] > 0.0) {
         let (row, beyond) = (rows[way].0 as usize, rows[way].1);
         let next = weights[way] * lamp.next;
         let here = weights[way] - next;

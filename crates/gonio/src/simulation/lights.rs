@@ -214,10 +214,10 @@ mod tests {
 
     use super::*;
     use crate::sphere::fibonacci_hemisphere;
-    use crate::testing::light_map;
+    use crate::testing::environment_map;
 
     fn map() -> EnvironmentMap {
-        light_map(64, |d| 2.0 + d.y)
+        environment_map(64, |d| 2.0 + d.y)
     }
 
     fn mean(light: &LightPyramid, count: usize, of: impl Fn(DVec3) -> bool) -> f64 {

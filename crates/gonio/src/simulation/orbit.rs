@@ -10,17 +10,17 @@ use std::ops::{Add, Mul, Sub};
 use glam::Vec3;
 
 /// Number of symmetries, and of normals that are processed together.
-pub(super) const WAYS: usize = 8;
+pub(super) const SYMMETRIES: usize = 8;
 
 /// One number for each symmetry, for vector instructions.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[repr(align(32))]
-pub(super) struct Eight(pub(super) [f32; WAYS]);
+pub(super) struct SymmetryLanes(pub(super) [f32; SYMMETRIES]);
 
 /// Implements an operator element by element, in a loop that compiles to one vector instruction.
 macro_rules! by_ways {
     ($trait:ident, $method:ident, $assign:tt) => {
-        impl $trait for Eight {
+        impl $trait for SymmetryLanes {
             type Output = Self;
 
             #[inline(always)]
@@ -37,7 +37,7 @@ macro_rules! by_ways {
 by_ways!(Add, add, +=);
 by_ways!(Sub, sub, -=);
 
-impl Mul<f32> for Eight {
+impl Mul<f32> for SymmetryLanes {
     type Output = Self;
 
     #[inline(always)]
@@ -49,16 +49,16 @@ impl Mul<f32> for Eight {
     }
 }
 
-impl From<[f32; WAYS]> for Eight {
-    fn from(values: [f32; WAYS]) -> Self {
+impl From<[f32; SYMMETRIES]> for SymmetryLanes {
+    fn from(values: [f32; SYMMETRIES]) -> Self {
         Self(values)
     }
 }
 
-impl Eight {
+impl SymmetryLanes {
     /// Adds the values, multiplied by `share`, to `others`.
     #[inline(always)]
-    pub(super) fn add_to(self, share: f32, others: &mut [f32; WAYS]) {
+    pub(super) fn add_to(self, share: f32, others: &mut [f32; SYMMETRIES]) {
         for (other, own) in others.iter_mut().zip(self.0) {
             *other += share * own;
         }
@@ -86,7 +86,7 @@ pub(super) struct Orbits {
     /// One normal of each group, with `x >= y > 0`.
     pub(super) normals: Vec<Vec3>,
     /// Indices of the images of each of these normals among all normals.
-    pub(super) places: Vec<[usize; WAYS]>,
+    pub(super) places: Vec<[usize; SYMMETRIES]>,
     /// Number of all normals.
     pub(super) count: usize,
 }

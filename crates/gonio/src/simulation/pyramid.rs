@@ -3,7 +3,7 @@
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
-use super::orbit::{Eight, image_of_texel};
+use super::orbit::{SymmetryLanes, image_of_texel};
 use crate::render::pyramid::{LampRule, Pyramid, on_square};
 
 /// Samples along each side of a texel of the finest level.
@@ -15,7 +15,7 @@ const LAMPS: LampRule = LampRule { bright: 12.0, most: 1500 };
 /// Luminance over all directions, prefiltered, with its images under the symmetries of the disk.
 #[derive(Clone, Debug)]
 pub struct LightPyramid {
-    pub(super) images: Pyramid<Eight>,
+    pub(super) images: Pyramid<SymmetryLanes>,
     /// Direction of each bright texel, and its irradiance on a surface that faces it.
     pub(super) lamps: Vec<(Vec3, f32)>,
 }

@@ -2,10 +2,10 @@
 
 use super::*;
 use crate::inference::learnt::tests::WORLD;
-use crate::testing::light_map;
+use crate::testing::environment_map;
 
 fn stock() -> ScenePool {
-    let lights = [1.0, -1.0].map(|slope| light_map(32, move |d| 2.0 + slope * d.y)).into();
+    let lights = [1.0, -1.0].map(|slope| environment_map(32, move |d| 2.0 + slope * d.y)).into();
     ScenePool::new(
         WORLD.clone(),
         lights,

@@ -350,7 +350,7 @@ mod tests {
 
     use super::*;
     use crate::inference::known_light::tests::under;
-    use crate::inference::learnt::tests::{WORLD, light_map};
+    use crate::inference::learnt::tests::{WORLD, environment_map};
     use crate::testing::ball;
 
     fn normals(count: usize, deviation: f64, seed: u64) -> Vec<f64> {
@@ -367,7 +367,7 @@ mod tests {
     #[test]
     fn derivatives_agree_with_finite_differences() {
         let points = ball(60);
-        let operator = under(&points, &light_map(3));
+        let operator = under(&points, &environment_map(3));
         let space = ParameterSpace::new(&WORLD.latent_space);
         let size = space.len() + usize::from(operator.clips());
         let mut truth = space.at(&WORLD.coordinates[2]);
@@ -414,7 +414,7 @@ mod tests {
     #[test]
     fn the_cost_never_rises() {
         let points = ball(150);
-        let operator = under(&points, &light_map(3));
+        let operator = under(&points, &environment_map(3));
         let space = ParameterSpace::new(&WORLD.latent_space);
         let noise = normals(points.len(), 0.05, 9);
         let truth: Vec<f64> = WORLD.table(&WORLD.entries[1]).as_slice().iter().map(|v| f64::from(*v)).collect();

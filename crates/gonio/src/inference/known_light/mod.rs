@@ -3,14 +3,14 @@
 //! Given the light, the image is linear in the reflectance of the 8,100 cells of a table
 //! ([`Relighter`](crate::render::Relighter)), at the full resolution of the light. The logarithm of
 //! the table is a sum of principal axes of the material prior and of splines for deviations from
-//! the axes. The light map may be rotated by a few degrees, and its brightest pixels may be
+//! the axes. The environment map may be rotated by a few degrees, and its brightest pixels may be
 //! clipped; the fit estimates rotation and true brightness together with the table.
 //!
 //! The error of the logarithm of the image has two parts, both estimated from the image. One part
-//! is smooth, because bivariate tables and light maps are inexact. The other part is independent,
-//! with heavy tails. Gauss-Newton steps from the best of a thousand materials of the prior find the
-//! most probable table, and the posterior is the Gaussian around it (Laplace's approximation). The
-//! learnt posterior of the same photograph is an additional likelihood.
+//! is smooth, because bivariate tables and environment maps are inexact. The other part is
+//! independent, with heavy tails. Gauss-Newton steps from the best of a thousand materials of the
+//! prior find the most probable table, and the posterior is the Gaussian around it (Laplace's
+//! approximation). The learnt posterior of the same photograph is an additional likelihood.
 //!
 //! The crate `gonio-paper` contains the paper's estimate under a known light, coefficients of ten
 //! functions.
@@ -66,13 +66,13 @@ const ACCURACY: IntegratorSettings = IntegratorSettings { tolerance: 0.3, max_ce
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 pub enum KnownLightError {
     /// No light of the map reaches the object.
-    #[error("the light map does not illuminate the object; check the orientation of the map")]
+    #[error("the environment map does not illuminate the object; check the orientation of the map")]
     Dark,
     /// The photograph is black.
     #[error("the object is black in the photograph; check the exposure and the mask")]
     Black,
     /// The equations have no solution.
-    #[error("no material explains the photograph under this light; check that the light map is correct")]
+    #[error("no material explains the photograph under this light; check that the environment map is correct")]
     Unsolvable,
 }
 
@@ -89,7 +89,7 @@ pub struct ObservedPoints<'a> {
     pub weights: &'a [f64],
 }
 
-/// Rotations of the light map that are searched.
+/// Rotations of the environment map that are searched.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Alignment {
     /// None: the map is aligned.

@@ -4,7 +4,7 @@ use glam::Vec3;
 
 use super::*;
 use crate::inference::learnt::MaterialPosterior;
-use crate::inference::learnt::tests::{WORLD, light_map};
+use crate::inference::learnt::tests::{WORLD, environment_map};
 use crate::lighting::EnvironmentMap;
 use crate::picture::Plane;
 use crate::reflectance::trusted_cells;
@@ -38,7 +38,7 @@ fn infer(points: &[SurfacePoint], operator: &Operator, values: &[f64]) -> Result
 #[test]
 fn recovers_a_planted_material_and_its_scale() {
     let points = ball(400);
-    let operator = under(&points, &light_map(7));
+    let operator = under(&points, &environment_map(7));
     for material in [0, 2, 4] {
         let found = infer(&points, &operator, &image(&operator, material, 3.0)).unwrap();
         let truth = WORLD.table(&WORLD.entries[material]);
@@ -59,7 +59,7 @@ fn recovers_a_planted_material_and_its_scale() {
 #[test]
 fn draws_depend_on_the_seed_and_have_the_variance_of_the_curvature() {
     let points = ball(150);
-    let operator = under(&points, &light_map(7));
+    let operator = under(&points, &environment_map(7));
     let found = infer(&points, &operator, &image(&operator, 2, 1.0)).unwrap();
     let gaussian = found.gaussian().unwrap();
     let draws = |count: usize, seed: u64| gaussian.draws(&WORLD.latent_space, count, seed).unwrap();
@@ -82,7 +82,7 @@ fn draws_depend_on_the_seed_and_have_the_variance_of_the_curvature() {
 #[test]
 fn tolerates_a_fifth_of_outliers() {
     let points = ball(400);
-    let operator = under(&points, &light_map(7));
+    let operator = under(&points, &environment_map(7));
     let mut values = image(&operator, 2, 1.0);
     values.iter_mut().step_by(5).for_each(|v| *v *= 0.2);
     let found = infer(&points, &operator, &values).unwrap();
@@ -95,7 +95,7 @@ fn tolerates_a_fifth_of_outliers() {
 #[test]
 fn rejects_black_images_and_dark_lights() {
     let points = ball(30);
-    let operator = under(&points, &light_map(7));
+    let operator = under(&points, &environment_map(7));
     assert_eq!(infer(&points, &operator, &[0.0; 30]).unwrap_err(), KnownLightError::Black);
     // A lamp behind the ball.
     let behind = Plane::from_fn(96, 48, |x, y| {
@@ -117,7 +117,7 @@ fn given(points: &[SurfacePoint], values: &[f64], light: &EnvironmentMap, alignm
 #[test]
 fn recovers_the_rotation_of_a_light() {
     let points = ball(400);
-    let (map, turn) = (light_map(7), DQuat::from_scaled_axis(DVec3::new(0.05, -0.06, 0.03)));
+    let (map, turn) = (environment_map(7), DQuat::from_scaled_axis(DVec3::new(0.05, -0.06, 0.03)));
     let turned = KnownLight::of_map(&map).rotated(turn);
     let operator = Operator::of(&points, None, &turned, &materials());
     let values = image(&operator, 2, 1.0);
@@ -132,10 +132,10 @@ fn recovers_the_rotation_of_a_light() {
 #[test]
 fn keeps_an_aligned_light() {
     let points = ball(400);
-    let operator = under(&points, &light_map(7));
+    let operator = under(&points, &environment_map(7));
     for material in [1, 4] {
         let values = image(&operator, material, 1.0);
-        assert_eq!(given(&points, &values, &light_map(7), Alignment::Near).rotation, DQuat::IDENTITY);
+        assert_eq!(given(&points, &values, &environment_map(7), Alignment::Near).rotation, DQuat::IDENTITY);
     }
 }
 
@@ -143,9 +143,9 @@ fn keeps_an_aligned_light() {
 fn recovers_any_rotation_about_the_vertical() {
     let points = ball(400);
     let turn = DQuat::from_rotation_y(-2.0);
-    let turned = KnownLight::of_map(&light_map(7)).rotated(turn);
+    let turned = KnownLight::of_map(&environment_map(7)).rotated(turn);
     let operator = Operator::of(&points, None, &turned, &materials());
-    let found = given(&points, &image(&operator, 1, 1.0), &light_map(7), Alignment::Around);
+    let found = given(&points, &image(&operator, 1, 1.0), &environment_map(7), Alignment::Around);
     let off = found.rotation.angle_between(turn).to_degrees();
     assert!(off < 1.0, "{off}");
     assert!(found.rotation.to_scaled_axis().length() < std::f64::consts::PI);

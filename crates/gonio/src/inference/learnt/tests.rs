@@ -14,7 +14,7 @@ use crate::reflectance::{BivariateTable, CELLS, Dictionary, DictionarySettings, 
 use crate::testing;
 
 /// A sky, a ground and a few lamps.
-pub(crate) fn light_map(seed: u64) -> EnvironmentMap {
+pub(crate) fn environment_map(seed: u64) -> EnvironmentMap {
     let mut rng = Pcg64::seed_from_u64(seed);
     let mut draw = |low: f64, high: f64| -> f64 { rng.random_range(low..high) };
     let lamps: Vec<(DVec3, f64, f64)> = (0..4)
@@ -24,7 +24,7 @@ pub(crate) fn light_map(seed: u64) -> EnvironmentMap {
         })
         .collect();
     let sky = draw(0.5, 2.0);
-    testing::light_map(96, |d| {
+    testing::environment_map(96, |d| {
         let base = if d.y > 0.0 { sky } else { 0.3 };
         let lit = lamps.iter().filter(|(lamp, width, _)| d.angle_between(*lamp) < *width).map(|l| l.2).sum::<f64>();
         base + lit

@@ -10,16 +10,16 @@ use super::super::parametric::{Burley, Lambert, Parametric, Sheen, Undercoat, lo
 use super::super::table::{BivariateTable, CELLS, THETA_D, THETA_H, theta_d_of, theta_h_of};
 
 /// Factors by which the highlights of measured materials are made narrower or wider.
-pub(super) const WARPS: [f64; 4] = [0.5, 0.707, 1.414, 2.0];
+pub(super) const HIGHLIGHT_WIDTH_FACTORS: [f64; 4] = [0.5, 0.707, 1.414, 2.0];
 
-/// Number of materials bred for each measured one.
-pub(super) const LITTER: usize = 8;
+/// Number of variants of each measured material.
+pub(super) const VARIANTS_PER_MATERIAL: usize = 8;
 
-/// Standard deviation of the step of a bred material away from the line between its parents.
+/// Standard deviation of the step of a variant away from the line between its parents.
 ///
-/// The unit is the difference between two other materials. With this value, bred materials vary as
+/// The unit is the difference between two other materials. With this value, variants vary as
 /// much as the measured ones.
-const BREEDING_STEP: f64 = 0.4;
+const VARIANT_STEP: f64 = 0.4;
 
 /// Largest step, in the same unit.
 const MAX_STEP: f64 = 0.8;
@@ -37,7 +37,8 @@ pub(super) const DIFFUSE: usize = 5;
 /// Widths of the sheen of cloth.
 pub(super) const SHEENS: [f64; 3] = [0.15, 0.3, 0.6];
 
-/// Order of the components: measured, measured with other highlights, bred, diffuse, sheen, lobes.
+/// Order of the components: measured, measured with other highlights, variants, diffuse, sheen,
+/// lobes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Layout {
     /// Number of measured materials.
@@ -49,16 +50,16 @@ impl Layout {
         self.lobe(ALPHAS.len(), 0, false)
     }
 
-    pub(super) fn warped(self, material: usize, warp: usize) -> usize {
-        self.measured + material * WARPS.len() + warp
+    pub(super) fn warped(self, material: usize, with_highlight_width: usize) -> usize {
+        self.measured + material * HIGHLIGHT_WIDTH_FACTORS.len() + with_highlight_width
     }
 
-    pub(super) fn bred(self, child: usize) -> usize {
+    pub(super) fn variant(self, child: usize) -> usize {
         self.warped(self.measured, 0) + child
     }
 
     pub(super) fn diffuse(self, kind: usize) -> usize {
-        self.bred(self.measured * LITTER) + kind
+        self.variant(self.measured * VARIANTS_PER_MATERIAL) + kind
     }
 
     pub(super) fn sheen(self, width: usize) -> usize {
@@ -76,11 +77,14 @@ impl Layout {
 /// Each component is scaled to albedo one along the normal.
 pub(super) fn components(measured: &LogBasis) -> (Vec<BivariateTable>, Vec<f64>) {
     let own: Vec<BivariateTable> = (0..measured.len()).into_par_iter().map(|m| measured.table(m)).collect();
-    let warped = own.par_iter().flat_map_iter(|table| WARPS.iter().map(move |&factor| warp(table, factor)));
+    let warped = own
+        .par_iter()
+        .flat_map_iter(|table| HIGHLIGHT_WIDTH_FACTORS.iter().map(move |&factor| with_highlight_width(table, factor)));
     let mut all: Vec<BivariateTable> = own.par_iter().cloned().chain(warped).collect();
     let mut rng = Pcg64::seed_from_u64(1);
-    let bred: Vec<Vec<f64>> = (0..measured.len() * LITTER).map(|_| breed(measured, &mut rng)).collect();
-    all.par_extend(bred.par_iter().map(|coefficients| measured.at(coefficients)));
+    let variant: Vec<Vec<f64>> =
+        (0..measured.len() * VARIANTS_PER_MATERIAL).map(|_| differential_variant(measured, &mut rng)).collect();
+    all.par_extend(variant.par_iter().map(|coefficients| measured.at(coefficients)));
     all.push(Lambert { albedo: 1.0 }.to_bivariate());
     all.extend([0.0, 0.5, 1.0].map(|roughness| Burley { albedo: 1.0, roughness }.to_bivariate()));
     all.push(Undercoat { albedo: 1.0, f0: 0.04 }.to_bivariate());
@@ -97,15 +101,15 @@ pub(super) fn components(measured: &LogBasis) -> (Vec<BivariateTable>, Vec<f64>)
 /// Draws the coefficients of a material near the line between two measured ones.
 ///
 /// Its logarithm is a mixture of the logarithms of two materials, plus a multiple of the difference
-/// between two others (differential evolution; Storn and Price 1997). Bred materials therefore
+/// between two others (differential evolution; Storn and Price 1997). Such variants therefore
 /// differ from each measured material in the ways in which measured materials differ from each
 /// other.
-fn breed(measured: &LogBasis, rng: &mut Pcg64) -> Vec<f64> {
+fn differential_variant(measured: &LogBasis, rng: &mut Pcg64) -> Vec<f64> {
     let mut parent = || &measured.coefficients[rng.random_range(0..measured.len())];
     let [one, two, from, to] = [parent(), parent(), parent(), parent()];
     let share: f64 = rng.random_range(0.0..1.0);
     let step: f64 = StandardNormal.sample(rng);
-    let step = (BREEDING_STEP * step).clamp(-MAX_STEP, MAX_STEP);
+    let step = (VARIANT_STEP * step).clamp(-MAX_STEP, MAX_STEP);
     let child = |k: usize| {
         let [one, two, from, to] = [one, two, from, to].map(|parent| f64::from(parent[k]));
         share * one + (1.0 - share) * two + step * (to - from)
@@ -116,7 +120,7 @@ fn breed(measured: &LogBasis, rng: &mut Pcg64) -> Vec<f64> {
 /// Returns a table with highlights `factor` times as wide.
 ///
 /// The tangents of the half angles are stretched, so the horizon does not move.
-fn warp(table: &BivariateTable, factor: f64) -> BivariateTable {
+fn with_highlight_width(table: &BivariateTable, factor: f64) -> BivariateTable {
     // Each row has one angle, which is computed only once, because hundreds of tables are built.
     let rows: Vec<f64> = (0..THETA_H).map(|i| (theta_h_of(i).tan() / factor).atan()).collect();
     let cell = |c: usize| table.eval(rows[c / THETA_D], theta_d_of(c % THETA_D)) as f32;
@@ -144,8 +148,8 @@ mod tests {
             assert!((all[at].normal_albedo() - 1.0).abs() < 1e-3);
         };
         same(1, &basis.table(1));
-        same(layout.warped(1, 3), &warp(&basis.table(1), WARPS[3]));
-        assert_eq!(layout.diffuse(0), layout.bred(2 * LITTER));
+        same(layout.warped(1, 3), &with_highlight_width(&basis.table(1), HIGHLIGHT_WIDTH_FACTORS[3]));
+        assert_eq!(layout.diffuse(0), layout.variant(2 * VARIANTS_PER_MATERIAL));
         same(layout.diffuse(0), &Lambert { albedo: 1.0 }.to_bivariate());
         same(layout.diffuse(2), &Burley { albedo: 1.0, roughness: 0.5 }.to_bivariate());
         same(layout.diffuse(4), &Undercoat { albedo: 1.0, f0: 0.04 }.to_bivariate());
@@ -154,28 +158,28 @@ mod tests {
     }
 
     #[test]
-    fn bred_materials_vary_as_much_as_measured_materials() {
+    fn variants_vary_as_much_as_measured_materials() {
         let widths = (0..20).map(|i| 0.03 * 1.2_f64.powi(i));
         let set: Vec<_> = widths.map(|w| (w.to_string(), crate::testing::lobe(0.02, 1.0 / w, w))).collect();
         let basis = LogBasis::fit(&set, 10);
         let mut rng = Pcg64::seed_from_u64(1);
-        let bred: Vec<Vec<f64>> = (0..4000).map(|_| breed(&basis, &mut rng)).collect();
+        let variant: Vec<Vec<f64>> = (0..4000).map(|_| differential_variant(&basis, &mut rng)).collect();
         for k in 0..3 {
             let spread = |of: &[f64]| {
                 let mean = of.iter().sum::<f64>() / of.len() as f64;
                 (mean, (of.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / of.len() as f64).sqrt())
             };
             let (mean, wide) = spread(&basis.coefficients.iter().map(|c| f64::from(c[k])).collect::<Vec<_>>());
-            let (bred_mean, bred_wide) = spread(&bred.iter().map(|c| c[k]).collect::<Vec<_>>());
-            assert!((bred_mean - mean).abs() < 0.1 * wide, "{k}: {bred_mean} {mean} {wide}");
-            assert!((0.85..1.1).contains(&(bred_wide / wide)), "{k}: {bred_wide} {wide}");
+            let (variant_mean, variant_spread) = spread(&variant.iter().map(|c| c[k]).collect::<Vec<_>>());
+            assert!((variant_mean - mean).abs() < 0.1 * wide, "{k}: {variant_mean} {mean} {wide}");
+            assert!((0.85..1.1).contains(&(variant_spread / wide)), "{k}: {variant_spread} {wide}");
         }
     }
 
     #[test]
     fn warps_widen_only_the_highlight() {
         let table = BivariateTable::from_fn(|h, d| 0.1 + d + (-(h.tan() / 0.1).powi(2)).exp());
-        let wide = warp(&table, 2.0);
+        let wide = with_highlight_width(&table, 2.0);
         let want = BivariateTable::from_fn(|h, d| 0.1 + d + (-(h.tan() / 0.2).powi(2)).exp());
         for c in 0..CELLS {
             let (a, b) = (wide.as_slice()[c], want.as_slice()[c]);

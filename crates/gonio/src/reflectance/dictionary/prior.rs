@@ -4,10 +4,10 @@ use rand::RngExt;
 use rand_pcg::Pcg64;
 use serde::{Deserialize, Serialize};
 
-use super::components::{ALPHAS, DIFFUSE, LITTER, Layout, SHEENS, TAILS, WARPS};
+use super::components::{ALPHAS, DIFFUSE, HIGHLIGHT_WIDTH_FACTORS, Layout, SHEENS, TAILS, VARIANTS_PER_MATERIAL};
 use super::{Dictionary, DrawnMaterial, MaterialField, Mixture};
 
-/// Kinds of materials of the prior. A "material" below is a measured or a bred one.
+/// Kinds of materials of the prior. A "material" below is a measured material or a variant of one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum MaterialKind {
@@ -16,7 +16,7 @@ pub enum MaterialKind {
     /// A measured material with highlights up to twice or half as wide.
     Warped,
     /// A material near the line between two measured ones in the logarithm.
-    Bred,
+    Variant,
     /// A mixture of two materials.
     Pair,
     /// A mixture of a material and a diffuse reflector.
@@ -41,7 +41,7 @@ impl MaterialKind {
     pub const ALL: [Self; 11] = [
         Self::Measured,
         Self::Warped,
-        Self::Bred,
+        Self::Variant,
         Self::Pair,
         Self::Based,
         Self::Coated,
@@ -128,7 +128,7 @@ impl Draw<'_> {
         match kind {
             MaterialKind::Measured => parts.push((self.measured(), 1.0)),
             MaterialKind::Warped => self.warped(&mut parts),
-            MaterialKind::Bred => parts.push((self.bred(), 1.0)),
+            MaterialKind::Variant => parts.push((self.variant(), 1.0)),
             MaterialKind::Pair => parts.extend([(self.material(), share), (self.material(), 1.0 - share)]),
             MaterialKind::Based => {
                 parts.push((self.material(), share));
@@ -188,19 +188,19 @@ impl Draw<'_> {
         self.rng.random_range(0..self.layout.measured)
     }
 
-    fn bred(&mut self) -> usize {
-        self.layout.bred(self.rng.random_range(0..self.layout.measured * LITTER))
+    fn variant(&mut self) -> usize {
+        self.layout.variant(self.rng.random_range(0..self.layout.measured * VARIANTS_PER_MATERIAL))
     }
 
     fn material(&mut self) -> usize {
-        if self.rng.random_range(0..2) == 0 { self.measured() } else { self.bred() }
+        if self.rng.random_range(0..2) == 0 { self.measured() } else { self.variant() }
     }
 
     fn warped(&mut self, parts: &mut Mixture) {
         let material = self.measured();
         // The material itself lies between the narrower and the wider warps.
-        let at = self.between(0.0, WARPS.len() as f64);
-        let component = |step: usize| match step.cmp(&(WARPS.len() / 2)) {
+        let at = self.between(0.0, HIGHLIGHT_WIDTH_FACTORS.len() as f64);
+        let component = |step: usize| match step.cmp(&(HIGHLIGHT_WIDTH_FACTORS.len() / 2)) {
             std::cmp::Ordering::Less => self.layout.warped(material, step),
             std::cmp::Ordering::Equal => material,
             std::cmp::Ordering::Greater => self.layout.warped(material, step - 1),
@@ -287,7 +287,7 @@ mod tests {
                 assert_eq!(mixture.iter().any(|m| made_of_measured(m.0)), at < 6, "{kind:?}");
                 assert_eq!(mixture.iter().any(|m| sheen(m.0)), kind == MaterialKind::Cloth);
                 if kind == MaterialKind::Warped {
-                    let material = |c: usize| if c < 3 { c } else { (c - 3) / WARPS.len() };
+                    let material = |c: usize| if c < 3 { c } else { (c - 3) / HIGHLIGHT_WIDTH_FACTORS.len() };
                     assert!(mixture.iter().all(|m| material(m.0) == material(mixture[0].0)), "{mixture:?}");
                 }
             }

@@ -137,9 +137,9 @@ impl Colouring {
 
     /// Returns the quantiles of every cell of red, green and blue.
     ///
-    /// The layout is `[channel][quantile][cell]`, at [`QUANTILE_LEVELS`](super::QUANTILE_LEVELS), in 1/sr on
-    /// the scale of [`Material::table`]. Without estimated colours, the quantiles are those of the
-    /// luminance times the uniform colour.
+    /// The layout is `[channel][quantile][cell]`, at [`QUANTILE_LEVELS`](super::QUANTILE_LEVELS),
+    /// in 1/sr on the scale of [`Material::table`]. Without estimated colours, the quantiles are
+    /// those of the luminance times the uniform colour.
     pub fn quantiles(&self, material: &Material) -> [Vec<Vec<f32>>; 3] {
         let field = self.field();
         match self {

@@ -15,7 +15,7 @@ use gonio::reflectance::BivariateTable;
 use gonio::reflectance::parametric::{Ggx, Parametric};
 use gonio::render::{LightTree, SphereSettings, SurfaceSettings, render_sphere, render_surface};
 use gonio::scene::Correction;
-use gonio::shape::{Form as OwnForm, GeometryBuffer, MeshParts};
+use gonio::shape::{BuiltInShape as OwnForm, GeometryBuffer, MeshParts};
 use gonio_app::{
     ColourMode, Method, NormalMap, PhotographSource, ProgressLog, Reading, Scene, Settings, Shape, ShapeKind, Source,
     Spaces, infer,

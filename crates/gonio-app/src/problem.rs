@@ -172,9 +172,9 @@ mod tests {
         ];
         let (pixels, observed) = (10, 100);
         let warnings = [
-            W::Misplaced { overlap: 0.9 },
-            W::Inside { inside: 10, visible: 100 },
-            W::Depth(10.0),
+            W::Misaligned { overlap: 0.9 },
+            W::BackFacing { inside: 10, visible: 100 },
+            W::UnknownSemiAxis(10.0),
             W::Outline(Circle { x: 1.0, y: 2.0, radius: 3.0 }),
             W::FlatBackground { pixels },
             W::Clipped { clipped: 10, observed },

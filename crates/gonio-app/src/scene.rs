@@ -273,7 +273,7 @@ impl InputNames {
 
     pub(crate) fn warn(&self, odd: &SceneWarning) -> Warning {
         let text = match odd {
-            SceneWarning::Depth(_)
+            SceneWarning::UnknownSemiAxis(_)
             | SceneWarning::Outline(_)
             | SceneWarning::Clipped { .. }
             | SceneWarning::Faulty { .. }
@@ -287,7 +287,7 @@ impl InputNames {
             SceneWarning::Contradiction(_) | SceneWarning::FlatBackground { .. } => {
                 format!("{}: {odd}", self.shape.as_ref().unwrap_or(&self.image))
             }
-            SceneWarning::Misplaced { .. } | SceneWarning::Inside { .. } => format!("{}: {odd}", self.whole()),
+            SceneWarning::Misaligned { .. } | SceneWarning::BackFacing { .. } => format!("{}: {odd}", self.whole()),
         };
         Warning::new(text, odd.suggestions())
     }

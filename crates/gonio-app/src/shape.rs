@@ -46,7 +46,7 @@ pub struct Shape {
     pub pose: Option<Source<Vec<u8>>>,
 }
 
-/// Form of an object.
+/// BuiltInShape of an object.
 #[derive(Clone, Debug)]
 pub enum ShapeKind {
     /// Ball with this outline; detected if `None`.

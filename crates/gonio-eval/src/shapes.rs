@@ -17,7 +17,7 @@ use gonio::picture::{Picture, Plane};
 use gonio::reflectance::BivariateTable;
 use gonio::render::{LightTree, Relighter};
 use gonio::scene::{ObservationSettings, Observations, SurfaceView};
-use gonio::shape::{Camera, Ellipsoid, Form, GeometryBuffer, Surface, Tracer, hit_at};
+use gonio::shape::{BuiltInShape, Camera, Ellipsoid, GeometryBuffer, Surface, Tracer, hit_at};
 use gonio::transfer::TransferSettings;
 
 use crate::bench::{ACCURACY, Progress, Protocol, TestSphere, add_noise};
@@ -87,9 +87,9 @@ fn pose(name: &str, size: usize) -> Result<Posed> {
             let centre = camera.to_world.inverse().transform_point3(DVec3::ZERO);
             return Ok(Posed { surface: Box::new(Ellipsoid::sphere(centre, 1.0)?), camera });
         }
-        "blob" => Form::Blob,
-        "bunny" => Form::Bunny,
-        "bowl" => Form::Bowl,
+        "blob" => BuiltInShape::Blob,
+        "bunny" => BuiltInShape::Bunny,
+        "bowl" => BuiltInShape::Bowl,
         other => bail!("{other}: unknown shape; choose sphere, blob, bunny or bowl"),
     };
     let mesh = form.mesh(CELLS)?;

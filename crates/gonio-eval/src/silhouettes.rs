@@ -18,7 +18,7 @@ use gonio::picture::{Picture, Plane};
 use gonio::reflectance::BivariateTable;
 use gonio::render::{LightTree, Relighter, SurfaceSettings, render_surfaces};
 use gonio::scene::{Detection, NormalPicture, Object, ObservationSettings};
-use gonio::shape::{Form, GeometryBuffer, Mesh, MeshParts, PosedSurface};
+use gonio::shape::{BuiltInShape, GeometryBuffer, Mesh, MeshParts, PosedSurface};
 use gonio::simulation::generator;
 use rand::{Rng, RngExt};
 use rand_distr::{Distribution, StandardNormal};
@@ -129,8 +129,8 @@ fn mesh(name: &str) -> Result<Mesh> {
         "egg" => turned(|at| closed(at) * (1.1 - 0.35 * at), 2.6)?,
         "pear" => turned(|at| closed(at) * (0.75 - 0.4 * ((at - 0.4) / 0.3).tanh()), 2.4)?,
         "vase" => turned(|at| closed(at).min(1.0) * (0.5 + 0.22 * (TAU * at - 0.6).sin()), 2.4)?,
-        "blob" => Form::Blob.mesh(CELLS)?,
-        "bunny" => Form::Bunny.mesh(CELLS)?,
+        "blob" => BuiltInShape::Blob.mesh(CELLS)?,
+        "bunny" => BuiltInShape::Bunny.mesh(CELLS)?,
         other => bail!("{other}: unknown shape; choose ball, egg, pear, vase, blob or bunny"),
     })
 }

@@ -8,7 +8,7 @@ use gonio::lighting::studio_light;
 use gonio::reflectance::parametric::{Ggx, Parametric};
 use gonio::render::{IntegratorSettings, LightTree, radiance};
 use gonio::shape::SurfacePoint;
-use gonio::shape::{Camera, Form, GeometryBuffer, Tracer, Viewpoint, Visibility, hit_at};
+use gonio::shape::{BuiltInShape, Camera, GeometryBuffer, Tracer, Visibility, VisibilityPoint, hit_at};
 use gonio::sphere::OctahedralMap;
 
 fn main() {
@@ -27,7 +27,7 @@ fn render_point(bencher: Bencher<'_, '_>, alpha: f64) {
 
 /// A self-shadowing mesh of 150,000 triangles, with its camera.
 static BOWL: LazyLock<(Tracer, Camera)> = LazyLock::new(|| {
-    let mesh = Form::Bowl.mesh(101).expect("the lattice resolves the bowl");
+    let mesh = BuiltInShape::Bowl.mesh(101).expect("the lattice resolves the bowl");
     let (centre, radius) = mesh.bounds();
     let camera = Camera::framing(centre, radius, (512, 512), 0.05).expect("the camera is valid");
     let mesh = mesh.transformed(&camera.to_world.inverse()).expect("the transformation is rigid");
@@ -52,11 +52,11 @@ fn geometry_buffer() -> GeometryBuffer {
 #[divan::bench(sample_count = 3, sample_size = 1)]
 fn visibility_of_12000_points(bencher: Bencher) {
     let (surface, camera) = &*BOWL;
-    let seen: Vec<Viewpoint> = (0..512 * 512)
+    let seen: Vec<VisibilityPoint> = (0..512 * 512)
         .filter_map(|i| hit_at(surface, camera, i % 512, i / 512))
-        .map(|hit| Viewpoint { from: hit.ray_origin, normal: hit.normal })
+        .map(|hit| VisibilityPoint { from: hit.ray_origin, normal: hit.normal })
         .collect();
-    let points: Vec<Viewpoint> = (0..12_000).map(|i| seen[i * seen.len() / 12_000]).collect();
+    let points: Vec<VisibilityPoint> = (0..12_000).map(|i| seen[i * seen.len() / 12_000]).collect();
     bencher.bench(|| {
         let visibility = Visibility::trace(surface, &points, OctahedralMap::EqualArea, 32, &|_| ());
         assert!(visibility.bytes() < 20_000_000, "{}", visibility.bytes());

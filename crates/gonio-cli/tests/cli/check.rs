@@ -22,7 +22,7 @@ fn describes_and_draws_the_detection() {
     let run = bench.run("check faulty.exr").succeeds();
     assert!(run.stdout.contains("faulty.exr: 48x48 pixels"), "{run:?}");
     assert!(run.stdout.contains("ball, circle 24.0,24.0,2"), "{run:?}");
-    assert!(run.stdout.contains("12 clipped, 2 faulty"), "{run:?}");
+    assert!(run.stdout.contains("12 clipped, 2 invalid"), "{run:?}");
     assert!(run.stdout.ends_with("see faulty.exr-check.png\n"), "{run:?}");
     assert!(run.stderr.contains("faulty.exr: gonio ignores 12 of"), "{run:?}");
     let drawn =

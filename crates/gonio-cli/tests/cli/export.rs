@@ -148,7 +148,9 @@ fn scenes_use_the_light_of_the_results() {
     let printed = bench.run("export out -o fitted --to mtlx,mitsuba").succeeds().stdout;
     let fitted = bench.json("fitted/export.json");
     let scaled = fitted["albedo"].as_f64().unwrap();
-    assert!(fitted["albedo_source"] == "fit" && scaled <= albedo && printed.contains(&format!("albedo {scaled:.2}")));
+    assert!(
+        fitted["albedo_source"] == "fit" && scaled <= albedo && printed.contains(&format!("incidence {scaled:.2}"))
+    );
     let brighter = f64::from(means("fitted/light.exr").y / lit.y);
     assert!((brighter * scaled / albedo - 1.0).abs() < 1e-2, "{brighter}");
     bench.run("export out -o table --to merl").succeeds();

@@ -3,7 +3,7 @@
 use std::sync::LazyLock;
 
 use glam::{DVec3, Vec3};
-use gonio::shape::{Camera, Ellipsoid, Form, GeometryBuffer, Surface, Tracer};
+use gonio::shape::{BuiltInShape, Camera, Ellipsoid, GeometryBuffer, Surface, Tracer};
 use gonio_io::mesh::{encode_obj, encode_ply};
 use gonio_io::npy;
 use gonio_io::picture::{ReadOptions, read};
@@ -24,7 +24,7 @@ const RENDER: &str = "render --brdf in.binary --light light.hdr --mesh bowl.ply 
 
 static BOWL: LazyLock<Bowl> = LazyLock::new(|| {
     let bench = Bench::with_light_and_material();
-    let ply = encode_ply(&Form::Bowl.mesh(30).unwrap());
+    let ply = encode_ply(&BuiltInShape::Bowl.mesh(30).unwrap());
     bench.write("bowl.ply", &ply);
     bench.run(&format!("{RENDER} -o bowl.exr")).succeeds();
     let said = bench.run("infer bowl.exr --mesh bowl.ply -o out --grid 8").succeeds().stderr;
@@ -80,7 +80,7 @@ fn self_shadowing_reduces_the_misfit_under_a_known_light() {
 #[test]
 fn normals_with_depths_have_self_shadowing() {
     let bench = with_bowl();
-    let mesh = Form::Bowl.mesh(30).unwrap();
+    let mesh = BuiltInShape::Bowl.mesh(30).unwrap();
     let (centre, radius) = mesh.bounds();
     let camera = Camera::framing(centre, radius, (64, 64), 0.05).unwrap();
     let surface = Tracer::new(mesh.transformed(&camera.to_world.inverse()).unwrap());
@@ -270,7 +270,7 @@ fn rejects_invalid_shapes() {
 #[test]
 fn warns_about_unusual_meshes() {
     let bench = with_bowl();
-    let mesh = Form::Bowl.mesh(30).unwrap();
+    let mesh = BuiltInShape::Bowl.mesh(30).unwrap();
     let text = String::from_utf8(encode_obj(&mesh)).unwrap();
     // All triangles face inwards, normals are missing, and one triangle has no area.
     let lines = text.lines().filter(|l| !l.starts_with("vn")).map(|l| match l.strip_prefix("f ") {

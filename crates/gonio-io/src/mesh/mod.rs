@@ -22,7 +22,7 @@ mod write;
 
 use std::path::Path;
 
-use gonio::shape::{Form, Mesh, MeshDefects};
+use gonio::shape::{BuiltInShape, Mesh, MeshDefects};
 
 use crate::{Error, guard};
 
@@ -50,15 +50,16 @@ pub fn read_mesh(path: impl AsRef<Path>) -> Result<(Mesh, MeshDefects), Error> {
 }
 
 /// Reads a mesh, or builds the built-in shape of that name if there is no such file.
-/// [`Form::named`] defines the names.
+/// [`BuiltInShape::named`] defines the names.
 ///
 /// # Errors
 /// Like [`read_mesh`].
 pub fn read_shape(path: impl AsRef<Path>) -> Result<(Mesh, MeshDefects), Error> {
     let path = path.as_ref();
-    match path.to_str().and_then(Form::named).filter(|_| !path.exists()) {
+    match path.to_str().and_then(BuiltInShape::named).filter(|_| !path.exists()) {
         Some(form) => {
-            let mesh = form.mesh(Form::CELLS).expect("Form::CELLS is fine enough for every built-in shape");
+            let mesh =
+                form.mesh(BuiltInShape::CELLS).expect("BuiltInShape::CELLS is fine enough for every built-in shape");
             Ok((mesh, MeshDefects::default()))
         }
         None => read_mesh(path),

@@ -5,7 +5,7 @@ use gonio::picture::{Picture, Plane};
 use gonio::reflectance::BivariateTable;
 use gonio::scene::Circle;
 use gonio::shape::SurfacePoint;
-use gonio::shape::{PosedSurface, Viewpoint, Visibility, hit_at, view_at};
+use gonio::shape::{PosedSurface, Visibility, VisibilityPoint, hit_at, view_at};
 use gonio::sphere::OctahedralMap;
 use rayon::prelude::*;
 
@@ -182,12 +182,12 @@ impl<'a> View<'a> {
                 hit_at(placed.surface.as_ref(), &placed.camera, x, y)
             });
             // A missing point has a zero normal, so no rays are traced.
-            hit.map_or(Viewpoint { from: DVec3::ZERO, normal: DVec3::ZERO }, |h| Viewpoint {
+            hit.map_or(VisibilityPoint { from: DVec3::ZERO, normal: DVec3::ZERO }, |h| VisibilityPoint {
                 from: h.ray_origin,
                 normal: h.normal,
             })
         };
-        let lookouts: Vec<Viewpoint> = points.iter().enumerate().map(lookout).collect();
+        let lookouts: Vec<VisibilityPoint> = points.iter().enumerate().map(lookout).collect();
         Some(Visibility::trace(placed.surface.as_ref(), &lookouts, OctahedralMap::EqualArea, SHADOWS, &|_| ()))
     }
 

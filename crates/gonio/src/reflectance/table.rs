@@ -73,25 +73,25 @@ fn are_above_horizon(vertical: f64, lateral: f64) -> bool {
 }
 
 /// Position between two samples of an axis: index of the first, weight of the second.
-pub(crate) type Bracket = (usize, f64);
+pub(crate) type LinearStencil = (usize, f64);
 
 /// Returns the position of `x` on an axis of `n` samples, for linear interpolation.
 ///
 /// The last value applies beyond the last sample.
-fn bracket(x: f64, n: usize) -> Bracket {
+fn stencil(x: f64, n: usize) -> LinearStencil {
     let x = x.clamp(0.0, (n - 1) as f64);
     let i = (x as usize).min(n - 2);
     (i, x - i as f64)
 }
 
 #[inline]
-pub(crate) fn axis_h(theta_h: f64) -> Bracket {
-    bracket((theta_h.max(0.0) / FRAC_PI_2).sqrt() * THETA_H as f64, THETA_H)
+pub(crate) fn axis_h(theta_h: f64) -> LinearStencil {
+    stencil((theta_h.max(0.0) / FRAC_PI_2).sqrt() * THETA_H as f64, THETA_H)
 }
 
 #[inline]
-pub(crate) fn axis_d(theta_d: f64) -> Bracket {
-    bracket(theta_d.to_degrees(), THETA_D)
+pub(crate) fn axis_d(theta_d: f64) -> LinearStencil {
+    stencil(theta_d.to_degrees(), THETA_D)
 }
 
 /// An isotropic BRDF that does not depend on `phi_d` (Romeiro et al. 2008).
@@ -165,7 +165,7 @@ impl BivariateTable {
     }
 
     /// Computes [`Self::eval`] from positions on both axes, which several tables can share.
-    pub(crate) fn between(&self, (i, s): Bracket, (j, t): Bracket) -> f64 {
+    pub(crate) fn between(&self, (i, s): LinearStencil, (j, t): LinearStencil) -> f64 {
         let row = |i: usize| {
             let v = &self.values[i * THETA_D + j..][..2];
             f64::from(v[0]) * (1.0 - t) + f64::from(v[1]) * t

@@ -161,7 +161,7 @@ mod tests {
 
     use super::super::{IntegratorSettings, SphereSettings, render_sphere};
     use super::*;
-    use crate::shape::{Ellipsoid, Form, Projection, Tracer, hit_at};
+    use crate::shape::{BuiltInShape, Ellipsoid, Projection, Tracer, hit_at};
     use crate::testing::environment_map;
 
     fn light(f: impl Fn(DVec3) -> f64) -> LightTree {
@@ -194,7 +194,7 @@ mod tests {
     #[test]
     fn materials_rendered_together_match_single_renderings() {
         let light = light(|d| 2.0 + d.y + if d.x > 0.8 { 20.0 } else { 0.0 });
-        let bowl = Tracer::new(Form::Bowl.mesh(24).unwrap());
+        let bowl = Tracer::new(BuiltInShape::Bowl.mesh(24).unwrap());
         let (centre, radius) = bowl.bounds();
         let camera = Camera::framing(centre, radius, (16, 16), 0.05).unwrap();
         let bowl = Tracer::new(bowl.mesh().transformed(&camera.to_world.inverse()).unwrap());
@@ -228,7 +228,7 @@ mod tests {
         // The radiance of a white Lambertian surface in uniform light is the cosine-weighted
         // fraction of unblocked directions.
         let white = BivariateTable::from_fn(|_, _| 1.0 / PI);
-        let bowl = Tracer::new(Form::Bowl.mesh(24).unwrap());
+        let bowl = Tracer::new(BuiltInShape::Bowl.mesh(24).unwrap());
         let (centre, radius) = bowl.bounds();
         let world = Camera::framing(centre, radius, (12, 12), 0.05).unwrap();
         let bowl = Tracer::new(bowl.mesh().transformed(&world.to_world.inverse()).unwrap());

@@ -194,7 +194,7 @@ impl Detection {
                     DetectedShape::Ellipse(ellipse, depth),
                 )?;
                 if given.is_none() {
-                    detection.scene_warnings.push(SceneWarning::Depth(depth));
+                    detection.scene_warnings.push(SceneWarning::UnknownSemiAxis(depth));
                 }
                 detection
             }
@@ -375,14 +375,14 @@ impl Detector<'_> {
             let Overlap { share: overlap, is_rim, is_part } = Overlap::of(coverage, &buffer.distances);
             let is_aligned = is_rim || (self.masked && is_part);
             if overlap < MIN_OVERLAP && !is_aligned && !self.settings.force {
-                return Err(SceneError::Elsewhere { overlap, default_camera: placed.default_camera });
+                return Err(SceneError::Misaligned { overlap, default_camera: placed.default_camera });
             }
             if overlap < GOOD_OVERLAP && !is_aligned {
-                scene_warnings.push(SceneWarning::Misplaced { overlap });
+                scene_warnings.push(SceneWarning::Misaligned { overlap });
             }
         }
         if 20 * buffer.back_facing > buffer.visible {
-            scene_warnings.push(SceneWarning::Inside { inside: buffer.back_facing, visible: buffer.visible });
+            scene_warnings.push(SceneWarning::BackFacing { inside: buffer.back_facing, visible: buffer.visible });
         }
         let view =
             SurfaceView { normals: &buffer.normals, camera: Some(&placed.camera), distances: Some(&buffer.distances) };
@@ -575,7 +575,7 @@ mod tests {
             let mask = Plane::from_fn(100, 100, |x, y| if disk(30.0, 0.0)(x, y) { 1.0 } else { 0.0 });
             let picture = Picture { rgb: Plane::from_fn(100, 100, |_, _| Vec3::ONE), alpha: None };
             let refused = Detection::of(&picture, Some(mask), object, &ObservationSettings::default()).err().unwrap();
-            assert!(matches!(refused, SceneError::Elsewhere { .. }), "{refused}");
+            assert!(matches!(refused, SceneError::Misaligned { .. }), "{refused}");
             refused.suggestions().contains(&Suggestion::Camera)
         };
         assert!(of(true) && !of(false));

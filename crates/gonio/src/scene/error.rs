@@ -202,7 +202,7 @@ pub enum SceneError {
         "the shape is not aligned with the object: the intersection over union of their pixels is only {:.0} %",
         100.0 * .overlap
     )]
-    Elsewhere {
+    Misaligned {
         /// Pixels of both over pixels of either.
         overlap: f64,
         /// Whether the camera is the default one because none was given.
@@ -255,10 +255,10 @@ impl SceneError {
                 vec![Suggestion::Mesh, Suggestion::Normals, Suggestion::Inflate, Suggestion::Mask]
             }
             Self::NoOutline => vec![Suggestion::Mask, Suggestion::Outline],
-            Self::Elsewhere { default_camera: true, .. } => {
+            Self::Misaligned { default_camera: true, .. } => {
                 vec![Suggestion::Camera, Suggestion::Pose, Suggestion::Force]
             }
-            Self::Elsewhere { default_camera: false, .. } => vec![Suggestion::Pose, Suggestion::Force],
+            Self::Misaligned { default_camera: false, .. } => vec![Suggestion::Pose, Suggestion::Force],
             Self::Contradiction(it) => vec![it.suggestion(), Suggestion::TrustNormals],
             _ => Vec::new(),
         }

@@ -9,21 +9,21 @@ use crate::suggestion::Suggestion;
 #[derive(Clone, Debug, PartialEq)]
 pub enum SceneWarning {
     /// The overlap of shape and object is too small.
-    Misplaced {
+    Misaligned {
         /// Pixels of both over pixels of either.
         overlap: f64,
     },
     /// The edges of the photograph form another circle than the given one.
     Outline(Circle),
     /// Many pixels are back-facing.
-    Inside {
+    BackFacing {
         /// Number of back-facing pixels.
         inside: usize,
         /// Number of pixels that show the surface.
         visible: usize,
     },
     /// The depth of the ellipsoid is unknown; contains the assumed semi-axis, in pixels.
-    Depth(f64),
+    UnknownSemiAxis(f64),
     /// The normals are inconsistent, but the checks are disabled.
     Contradiction(Contradiction),
     /// Pixels of the normal map are ignored, because they form a background of one normal.
@@ -97,7 +97,7 @@ impl SceneWarning {
     /// Lists suggestions.
     pub fn suggestions(&self) -> Vec<Suggestion> {
         match self {
-            Self::Depth(_) => vec![Suggestion::DepthAxis],
+            Self::UnknownSemiAxis(_) => vec![Suggestion::DepthAxis],
             Self::Outline(circle) => vec![Suggestion::OneOf(vec![*circle])],
             Self::Contradiction(it) => vec![it.suggestion()],
             Self::OtherColour { .. } | Self::Pattern { .. } | Self::Spots { .. } => vec![Suggestion::KeepColours],
@@ -109,7 +109,7 @@ impl SceneWarning {
 impl fmt::Display for SceneWarning {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Misplaced { overlap } => write!(
+            Self::Misaligned { overlap } => write!(
                 f,
                 "the shape is not exactly aligned with the object: the intersection over union of their pixels is {:.0} %",
                 100.0 * overlap
@@ -119,12 +119,12 @@ impl fmt::Display for SceneWarning {
                 "the specified circle does not match the edge of the ball, which has the centre ({:.1}, {:.1}) and the radius {:.1}",
                 circle.x, circle.y, circle.radius
             ),
-            Self::Inside { inside, visible } => write!(
+            Self::BackFacing { inside, visible } => write!(
                 f,
                 "{inside} of {visible} pixels show the back of the surface; gonio flips its normals towards the camera \
                  there"
             ),
-            Self::Depth(depth) => write!(
+            Self::UnknownSemiAxis(depth) => write!(
                 f,
                 "the outline does not determine the depth of the ellipsoid; gonio assumes a semi-axis of {depth:.1} \
                  pixels, the geometric mean of the other two"

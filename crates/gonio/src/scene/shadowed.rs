@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::{Observations, SceneError};
-use crate::shape::{Camera, Surface, Viewpoint, Visibility, hit_at};
+use crate::shape::{Camera, Surface, Visibility, VisibilityPoint, hit_at};
 use crate::sphere::OctahedralMap;
 use crate::transfer::MIN_POINTS;
 
@@ -37,13 +37,13 @@ impl Observations {
         if surface.is_convex() {
             return Ok(());
         }
-        let lookouts: Option<Vec<Viewpoint>> = self
+        let lookouts: Option<Vec<VisibilityPoint>> = self
             .pixels
             .iter()
             .zip(&self.points)
             .map(|(&(x, y), point)| {
                 let hit = hit_at(surface, camera, x as usize, y as usize)?;
-                Some(Viewpoint { from: hit.ray_origin, normal: point.normal })
+                Some(VisibilityPoint { from: hit.ray_origin, normal: point.normal })
             })
             .collect();
         let lookouts = lookouts.ok_or(SceneError::NoSurface)?;
@@ -52,10 +52,10 @@ impl Observations {
             return Ok(());
         }
         let normals: Vec<DVec3> = self.points.iter().map(|p| p.normal).collect();
-        let openness = visibility.sky_views(&normals);
+        let openness = visibility.sky_visibilities(&normals);
         // Edges of shadows are as wide as texels.
         let most = MAX_EDGE * 32.0 / side as f64;
-        let poor = |i: &usize| openness[*i].open < MIN_OPEN || openness[*i].edge > most;
+        let poor = |i: &usize| openness[*i].unoccluded < MIN_OPEN || openness[*i].penumbra > most;
         let lost: Vec<usize> = (0..self.points.len()).filter(|i| self.values[*i].is_some()).filter(poor).collect();
         if self.report.used - lost.len() >= 2 * MIN_POINTS {
             for &i in &lost {
@@ -67,7 +67,7 @@ impl Observations {
             self.report.used_pixels = self.report.used_pixels.saturating_sub(lost.len());
             self.report.in_shadow = lost.len();
         }
-        self.sky_view = openness.iter().map(|o| o.open).collect();
+        self.sky_view = openness.iter().map(|o| o.unoccluded).collect();
         self.visibility = Some(visibility);
         Ok(())
     }

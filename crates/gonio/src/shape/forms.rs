@@ -9,7 +9,7 @@ use super::{Mesh, MeshError, MeshParts};
 
 /// A shape of about radius one about the origin, upright, with its front towards +z.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Form {
+pub enum BuiltInShape {
     /// A lump with gentle hollows.
     Blob,
     /// An animal with long ears.
@@ -18,7 +18,7 @@ pub enum Form {
     Bowl,
 }
 
-impl Form {
+impl BuiltInShape {
     /// Number of cells along a side of the lattice from which these shapes are meshed for display.
     pub const CELLS: usize = 96;
 

@@ -1,7 +1,7 @@
 //! Shapes in front of a camera: the visible surface at each pixel, and self-shadowing.
 //!
 //! * [`Mesh`]: triangles with smooth normals; [`MeshDefects`] lists their defects. `of_positions`
-//!   builds a mesh from a position map, [`Form`] builds meshes from formulas.
+//!   builds a mesh from a position map, [`BuiltInShape`] builds meshes from formulas.
 //! * [`Surface`]: a shape that intersects rays: a [`Tracer`] of a mesh or an [`Ellipsoid`].
 //!   [`GeometryBuffer`] contains its visible points.
 //! * [`Inflation`]: a smooth surface with a given silhouette.
@@ -33,11 +33,11 @@ mod visibility;
 pub use buffer::{GeometryBuffer, hit_at, view_at};
 pub use camera::{Camera, CameraError, Projection, Ray};
 pub use depth::{DepthKind, DepthSize, positions_of_depth};
-pub use forms::Form;
+pub use forms::BuiltInShape;
 pub use inflation::Inflation;
 pub use mesh::{Mesh, MeshDefects, MeshError, MeshParts};
 pub use placed::{PoseError, PosedSurface};
 pub use points::{Points, SurfacePoint};
 pub use surface::{Ellipsoid, EllipsoidError, Hit, Surface};
 pub use tracer::Tracer;
-pub use visibility::{SkyView, Viewpoint, Visibility};
+pub use visibility::{SkyVisibility, Visibility, VisibilityPoint};

@@ -99,11 +99,11 @@ impl MeshDefects {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::shape::{Form, Projection};
+    use crate::shape::{BuiltInShape, Projection};
 
     #[test]
     fn frames_meshes_and_rejects_invisible_ones() {
-        let mesh = Form::Blob.mesh(24).unwrap();
+        let mesh = BuiltInShape::Blob.mesh(24).unwrap();
         let framed = PosedSurface::of_mesh(&mesh, None, (40, 30)).unwrap();
         assert_eq!(framed.camera.size, (40, 30));
         // The mesh is outside the picture.

@@ -46,10 +46,10 @@ fn plane(half: f64) -> MeshParts {
     MeshParts { positions: positions.to_vec(), triangles: vec![[0, 1, 2], [0, 2, 3]], normals: None }
 }
 
-fn lookout(surface: &Tracer, above: DVec3, down: DVec3) -> (Viewpoint, Hit) {
+fn lookout(surface: &Tracer, above: DVec3, down: DVec3) -> (VisibilityPoint, Hit) {
     let hit = surface.hit(&Ray { origin: above, direction: down });
     let hit = hit.unwrap_or_else(|| panic!("no hit from {above} along {down}"));
-    (Viewpoint { from: hit.ray_origin, normal: hit.normal }, hit)
+    (VisibilityPoint { from: hit.ray_origin, normal: hit.normal }, hit)
 }
 
 #[test]
@@ -77,7 +77,7 @@ fn fine_mesh_of_a_sphere_matches_the_ellipsoid() {
 
 #[test]
 fn rays_match_brute_force() {
-    let mesh = Form::Bunny.mesh(24).unwrap().transformed(&DMat4::from_rotation_y(0.7)).unwrap();
+    let mesh = BuiltInShape::Bunny.mesh(24).unwrap().transformed(&DMat4::from_rotation_y(0.7)).unwrap();
     let all: Vec<[DVec3; 3]> = mesh.triangles().iter().map(|t| t.map(|i| mesh.positions()[i as usize])).collect();
     let tracer = Tracer::new(mesh);
     let nearest = |ray: &Ray| {
@@ -108,7 +108,7 @@ fn rays_match_brute_force() {
 
 #[test]
 fn packets_match_single_rays() {
-    let tracer = Tracer::new(Form::Bunny.mesh(40).unwrap());
+    let tracer = Tracer::new(BuiltInShape::Bunny.mesh(40).unwrap());
     let sky: Vec<DVec3> = fibonacci_hemisphere(300).flat_map(|d| [d, -d]).collect();
     let axes = [DVec3::X, DVec3::NEG_X, DVec3::Y, DVec3::NEG_Y, DVec3::Z, DVec3::NEG_Z];
     let (mut blocked, mut wrong) = (0, 0);
@@ -128,8 +128,8 @@ fn packets_match_single_rays() {
 }
 
 /// Returns the fraction of the light of a uniform sky that reaches a point.
-fn open(surface: &Tracer, point: Viewpoint, side: usize) -> f64 {
-    Visibility::trace(surface, &[point], MAP, side, &|_| ()).sky_views(&[point.normal])[0].open
+fn open(surface: &Tracer, point: VisibilityPoint, side: usize) -> f64 {
+    Visibility::trace(surface, &[point], MAP, side, &|_| ()).sky_visibilities(&[point.normal])[0].unoccluded
 }
 
 #[test]
@@ -183,19 +183,19 @@ fn convex_meshes_do_not_shadow_themselves() {
 
 #[test]
 fn shares_match_brute_force() {
-    let tracer = Tracer::new(Form::Bunny.mesh(40).unwrap());
+    let tracer = Tracer::new(BuiltInShape::Bunny.mesh(40).unwrap());
     let (side, fine) = (32, 12);
     let mut points = Vec::new();
     for from in fibonacci_hemisphere(20) {
         points.extend(
             tracer
                 .hit(&Ray { origin: 4.0 * from, direction: -from })
-                .map(|h| Viewpoint { from: h.ray_origin, normal: h.normal }),
+                .map(|h| VisibilityPoint { from: h.ray_origin, normal: h.normal }),
         );
     }
     let visibility = Visibility::trace(&tracer, &points, MAP, side, &|_| ());
     let normals: Vec<DVec3> = points.iter().map(|p| p.normal).collect();
-    let openness = visibility.sky_views(&normals);
+    let openness = visibility.sky_visibilities(&normals);
     let (mut squares, mut count, mut shadowed) = (0.0, 0, 0);
     for (i, point) in points.iter().enumerate() {
         let (mut lit, mut all) = (0.0, 0.0);
@@ -221,7 +221,7 @@ fn shares_match_brute_force() {
                 shadowed += usize::from(want < 1.0);
             }
         }
-        assert!((openness[i].open - lit / all).abs() < 0.01, "{i}: {} {}", openness[i].open, lit / all);
+        assert!((openness[i].unoccluded - lit / all).abs() < 0.01, "{i}: {} {}", openness[i].unoccluded, lit / all);
     }
     let rms = (squares / f64::from(count)).sqrt();
     assert!(shadowed > 1000 && rms < 0.06, "{rms} {shadowed} of {count}");
@@ -250,10 +250,10 @@ fn apply_multiplies_values_by_shares() {
 
 #[test]
 fn visibility_does_not_depend_on_threads() {
-    let tracer = Tracer::new(Form::Bowl.mesh(30).unwrap());
-    let points: Vec<Viewpoint> = fibonacci_hemisphere(50)
+    let tracer = Tracer::new(BuiltInShape::Bowl.mesh(30).unwrap());
+    let points: Vec<VisibilityPoint> = fibonacci_hemisphere(50)
         .filter_map(|d| tracer.hit(&Ray { origin: 4.0 * d, direction: -d }))
-        .map(|h| Viewpoint { from: h.ray_origin, normal: h.normal })
+        .map(|h| VisibilityPoint { from: h.ray_origin, normal: h.normal })
         .collect();
     let with = |threads| on_threads(threads, || Visibility::trace(&tracer, &points, MAP, 16, &|_| ()));
     assert_eq!(with(1), with(3));
@@ -261,7 +261,7 @@ fn visibility_does_not_depend_on_threads() {
 
 #[test]
 fn forms_are_closed_and_of_about_radius_one() {
-    for form in [Form::Blob, Form::Bunny, Form::Bowl] {
+    for form in [BuiltInShape::Blob, BuiltInShape::Bunny, BuiltInShape::Bowl] {
         let mesh = form.mesh(40).unwrap();
         let parts = MeshParts {
             positions: mesh.positions().to_vec(),

@@ -12,7 +12,7 @@ const RAYS: usize = 4;
 
 /// A surface point at which to compute visibility.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Viewpoint {
+pub struct VisibilityPoint {
     /// Origin of the rays: [`Hit::ray_origin`](super::Hit::ray_origin).
     pub from: DVec3,
     /// Unit normal. Rays below its horizon are not traced.
@@ -50,7 +50,7 @@ impl Visibility {
     /// If `side` is not a power of two.
     pub fn trace(
         surface: &dyn Surface,
-        points: &[Viewpoint],
+        points: &[VisibilityPoint],
         map: OctahedralMap,
         side: usize,
         progress: &(dyn Fn(f64) + Sync),
@@ -139,11 +139,11 @@ impl Visibility {
         self.rows[point].partial.iter().map(|&(texel, share)| (texel as usize, f32::from(share) / 255.0))
     }
 
-    /// Computes the [`SkyView`] of each point in a uniform sky.
+    /// Computes the [`SkyVisibility`] of each point in a uniform sky.
     ///
     /// # Panics
     /// If the numbers of normals and points differ.
-    pub(crate) fn sky_views(&self, normals: &[DVec3]) -> Vec<SkyView> {
+    pub(crate) fn sky_visibilities(&self, normals: &[DVec3]) -> Vec<SkyVisibility> {
         assert_eq!(normals.len(), self.rows.len());
         let centres: Vec<(DVec3, f64)> = (0..self.side * self.side)
             .map(|t| {
@@ -153,7 +153,7 @@ impl Visibility {
             .collect();
         let of = |(row, normal): (&Row, &DVec3)| {
             if row.blocked.is_empty() && row.partial.is_empty() {
-                return SkyView { open: 1.0, edge: 0.0 };
+                return SkyVisibility { unoccluded: 1.0, penumbra: 0.0 };
             }
             let weight = |t: usize| centres[t].0.dot(*normal).max(0.0) * centres[t].1;
             let all: f64 = (0..centres.len()).map(weight).sum();
@@ -164,7 +164,7 @@ impl Visibility {
                 .sum();
             let edge: f64 = row.partial.iter().map(|p| weight(p.0 as usize)).sum();
             let lost: f64 = row.partial.iter().map(|p| weight(p.0 as usize) * (1.0 - f64::from(p.1) / 255.0)).sum();
-            SkyView { open: (1.0 - (blocked + lost) / all).max(0.0), edge: edge / all }
+            SkyVisibility { unoccluded: (1.0 - (blocked + lost) / all).max(0.0), penumbra: edge / all }
         };
         self.rows.par_iter().zip(normals).map(of).collect()
     }
@@ -186,11 +186,11 @@ impl Visibility {
 
 /// Visible part of the sky at a point.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SkyView {
+pub struct SkyVisibility {
     /// Fraction of the light of a uniform sky that reaches the point, in 0..=1.
-    pub open: f64,
+    pub unoccluded: f64,
     /// Fraction of the unoccluded light that comes from texels that are partly open.
-    pub edge: f64,
+    pub penumbra: f64,
 }
 
 /// Directions of a grid.
@@ -231,7 +231,7 @@ impl Texels {
         Self { order, centres, near, fine, radius: map.cell_radius(side.ilog2()) }
     }
 
-    fn row(&self, surface: &dyn Surface, point: &Viewpoint) -> Row {
+    fn row(&self, surface: &dyn Surface, point: &VisibilityPoint) -> Row {
         // Centres slightly below the horizon are included, since parts of their texels are above
         // it.
         let lowest = -self.radius.sin();

@@ -80,7 +80,7 @@ mod tests {
     use glam::{DQuat, Vec3};
 
     use super::*;
-    use crate::shape::{Form, Ray, Surface, Tracer, Viewpoint, Visibility};
+    use crate::shape::{BuiltInShape, Ray, Surface, Tracer, Visibility, VisibilityPoint};
     use crate::sphere::{OctahedralMap, fibonacci_hemisphere};
     use crate::testing::ball;
 
@@ -93,13 +93,13 @@ mod tests {
 
     /// Returns points inside a bowl, viewed from its front, and their visibility.
     fn bowl() -> (Vec<SurfacePoint>, Visibility) {
-        let tracer = Tracer::new(Form::Bowl.mesh(30).unwrap());
+        let tracer = Tracer::new(BuiltInShape::Bowl.mesh(30).unwrap());
         let view = DVec3::Z;
         let (mut points, mut lookouts) = (Vec::new(), Vec::new());
         for from in fibonacci_hemisphere(60).map(|n| DVec3::new(0.9 * n.x, 0.9 * n.y, 3.0)) {
             if let Some(hit) = tracer.hit(&Ray { origin: from, direction: -view }) {
                 points.push(SurfacePoint { normal: hit.normal, view });
-                lookouts.push(Viewpoint { from: hit.ray_origin, normal: hit.normal });
+                lookouts.push(VisibilityPoint { from: hit.ray_origin, normal: hit.normal });
             }
         }
         (points, Visibility::trace(&tracer, &lookouts, MAP, SIDE, &|_| ()))

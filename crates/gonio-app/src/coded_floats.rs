@@ -11,6 +11,8 @@ const CODES: usize = 256;
 const MIN_VALUES: usize = 32;
 /// Smallest number of pixels: fewer may have few values by chance.
 const MIN_PIXELS: usize = 64 * 64;
+/// Largest number of pixels whose values are counted. Flat images would take seconds otherwise.
+const MAX_PIXELS: usize = 1 << 17;
 /// Largest distance of a code from an integer, in codes.
 const SLACK: f32 = 1e-3;
 
@@ -42,10 +44,12 @@ pub(crate) fn warning(name: &str, rgb: &Plane<Vec3>) -> Option<String> {
     Some(format!("{name}: {what}"))
 }
 
-/// Returns the bits of the finite values of a channel; `None` if there are too many.
+/// Returns the bits of the finite values of a channel, in evenly spaced pixels; `None` if there are
+/// too many.
 fn few_values(pixels: &[Vec3], channel: usize) -> Option<HashSet<u32>> {
     let mut values = HashSet::new();
-    for value in pixels.iter().map(|pixel| pixel[channel]).filter(|value| value.is_finite()) {
+    let step = pixels.len().div_ceil(MAX_PIXELS);
+    for value in pixels.iter().step_by(step).map(|pixel| pixel[channel]).filter(|value| value.is_finite()) {
         values.insert(value.to_bits());
         if values.len() > CODES {
             return None;

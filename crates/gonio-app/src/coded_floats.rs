@@ -9,25 +9,22 @@ use gonio::picture::Plane;
 const CODES: usize = 256;
 /// Smallest number of values in one channel; a drawing with few colours has fewer.
 const MIN_VALUES: usize = 32;
-/// Smallest number of pixels: fewer may have few values by chance.
-const MIN_PIXELS: usize = 64 * 64;
-/// Largest number of pixels whose values are counted. Flat images would take seconds otherwise.
-const MAX_PIXELS: usize = 1 << 17;
+/// Smallest number of pixels that differ from the pixel before. With fewer, few values may be
+/// chance.
+const MIN_CHANGES: usize = 64 * 64;
 /// Largest distance of a code from an integer, in codes.
 const SLACK: f32 = 1e-3;
 
 /// Returns a warning if the channels have as few values as those of an 8-bit image.
 pub(crate) fn warning(name: &str, rgb: &Plane<Vec3>) -> Option<String> {
-    let pixels = rgb.as_slice();
-    if pixels.len() < MIN_PIXELS {
-        return None;
-    }
-    let channels = [0, 1, 2].map(|channel| few_values(pixels, channel));
+    let channels = [0, 1, 2].map(|channel| few_values(rgb.as_slice(), channel));
     let [Some(red), Some(green), Some(blue)] = channels else { return None };
-    let values = || red.iter().chain(&green).chain(&blue).map(|bits| f32::from_bits(*bits));
-    if red.len().max(green.len()).max(blue.len()) < MIN_VALUES {
+    let all = [&red, &green, &blue];
+    let most = |count: fn(&FewValues) -> usize| all.iter().map(|channel| count(channel)).max().unwrap_or(0);
+    if most(|channel| channel.bits.len()) < MIN_VALUES || most(|channel| channel.changes) < MIN_CHANGES {
         return None;
     }
+    let values = || all.iter().flat_map(|channel| &channel.bits).map(|bits| f32::from_bits(*bits));
     let largest = values().fold(0.0, f32::max);
     let scale = if largest > 1.0 { 1.0 } else { 255.0 };
     let are_codes = values().all(|value| {
@@ -44,18 +41,29 @@ pub(crate) fn warning(name: &str, rgb: &Plane<Vec3>) -> Option<String> {
     Some(format!("{name}: {what}"))
 }
 
-/// Returns the bits of the finite values of a channel, in evenly spaced pixels; `None` if there are
-/// too many.
-fn few_values(pixels: &[Vec3], channel: usize) -> Option<HashSet<u32>> {
-    let mut values = HashSet::new();
-    let step = pixels.len().div_ceil(MAX_PIXELS);
-    for value in pixels.iter().step_by(step).map(|pixel| pixel[channel]).filter(|value| value.is_finite()) {
-        values.insert(value.to_bits());
-        if values.len() > CODES {
+/// The values of a channel with at most [`CODES`] values.
+struct FewValues {
+    bits: HashSet<u32>,
+    /// Number of pixels whose value differs from that of the pixel before.
+    changes: usize,
+}
+
+/// Returns the finite values of a channel; `None` if there are too many.
+fn few_values(pixels: &[Vec3], channel: usize) -> Option<FewValues> {
+    let mut found = FewValues { bits: HashSet::new(), changes: 0 };
+    let mut before = None;
+    for value in pixels.iter().map(|pixel| pixel[channel]).filter(|value| value.is_finite()) {
+        // Flat images would take seconds otherwise.
+        if before.replace(value.to_bits()) == Some(value.to_bits()) {
+            continue;
+        }
+        found.changes += 1;
+        found.bits.insert(value.to_bits());
+        if found.bits.len() > CODES {
             return None;
         }
     }
-    Some(values)
+    Some(found)
 }
 
 #[cfg(test)]
@@ -83,5 +91,8 @@ mod tests {
         assert_eq!(warning("a.exr", &image(|at| (at % 9) as f32)), None, "few colours");
         let small = Plane::from_fn(20, 20, |x, y| Vec3::splat((x + 20 * y) as f32 / 255.0));
         assert_eq!(warning("a.exr", &small), None, "few pixels");
+        let object = |x: usize, y: usize| if x.max(y) < 14 { (x + 14 * y) as f32 / 255.0 } else { 0.5 };
+        let flat = Plane::from_fn(900, 900, |x, y| Vec3::splat(object(x, y)));
+        assert_eq!(warning("a.exr", &flat), None, "a small object before a flat background");
     }
 }

@@ -117,15 +117,13 @@ impl PhotographSource {
         let paths = match self {
             Self::Memory(picture) => {
                 warnings.extend(coded_floats::warning("the image", &picture.rgb).map(Warning::from));
-                match reading.colour_space {
-                    None => return Ok(Photograph { picture, clip, bracket: None, space: None }),
-                    Some(space) => {
-                        let decoded = Decoded::linear(picture, clip, space).into_working(Path::new("the picture"))?;
-                        let Decoded { picture, full_scale: clip, input, .. } = decoded;
-                        warnings.extend(spaces::warnings("the picture", &input, picture.rgb.as_slice().len()));
-                        return Ok(Photograph { picture, clip, bracket: None, space: Some(input) });
-                    }
-                }
+                let Some(space) = reading.colour_space else {
+                    return Ok(Photograph { picture, clip, bracket: None, space: None });
+                };
+                let decoded = Decoded::linear(picture, clip, space).into_working(Path::new("the picture"))?;
+                let Decoded { picture, full_scale: clip, input, .. } = decoded;
+                warnings.extend(spaces::warnings("the picture", &input, picture.rgb.as_slice().len()));
+                return Ok(Photograph { picture, clip, bracket: None, space: Some(input) });
             }
             Self::Bytes(name, bytes) => {
                 if reading.response.is_some() {

@@ -25,7 +25,7 @@ use crate::suggestion::{plain, words};
 /// Options of `gonio export`.
 #[derive(Clone, clap::Args)]
 pub(crate) struct ExportOptions {
-    /// Result folder of gonio infer, or a BRDF file (.npz, .binary, .bsdf)
+    /// Result folder of gonio infer, or a BRDF file (.npz, .binary, .bsdf, .mbsdf, .csv)
     input: PathBuf,
     /// Renderers and models to export to, separated by commas [default: all but merl and merl-grey]
     #[arg(long, value_enum, value_delimiter = ',')]
@@ -84,7 +84,7 @@ fn parse_albedo(text: &str) -> Result<f64, String> {
 pub(crate) fn run(options: &ExportOptions) -> Result<Outcome> {
     if !options.input.exists() {
         bail!(
-            "{}: file or folder not found; specify a result folder of gonio infer or a BRDF file (.npz, .binary, .bsdf)",
+            "{}: file or folder not found; specify a result folder of gonio infer or a BRDF file (.npz, .binary, .bsdf, .mbsdf, .csv)",
             options.input.display()
         );
     }

@@ -66,7 +66,10 @@ pub(crate) fn brdf(path: &Path) -> Result<MerlTable> {
                 bail!("{}: contains several regions; specify one of them, such as {}", path.display(), region.display())
             }
             (None, None) => {
-                bail!("{}: is a folder without {BRDF}; specify a BRDF file (.npz, .binary, .bsdf)", path.display())
+                bail!(
+                    "{}: is a folder without {BRDF}; specify a BRDF file (.npz, .binary, .bsdf, .mbsdf, .csv)",
+                    path.display()
+                )
             }
         };
     }

@@ -27,7 +27,7 @@ use crate::surface::SurfaceOptions;
 #[derive(clap::Args)]
 pub(crate) struct RenderOptions {
     /// BRDF: of a result folder, a MERL table or an RGB file of the RGL database
-    #[arg(long, value_name = "FILE.npz|FILE.binary|FILE.bsdf")]
+    #[arg(long, value_name = "FILE.npz|FILE.binary|FILE.bsdf|FILE.mbsdf|FILE.csv")]
     brdf: PathBuf,
     /// Render N materials drawn from the posterior, to show the uncertainty (5 to 500)
     ///

@@ -76,8 +76,8 @@ pub(crate) enum MapName {
 pub(crate) struct TrainReflectanceOptions {
     /// Folder of measured BRDFs
     ///
-    /// The folder contains .binary (MERL) and _rgb.bsdf (RGL) files, or bivariate_rgb_f32.npy and
-    /// materials.txt.
+    /// The folder contains .binary (MERL), _rgb.bsdf (RGL) and .mbsdf (MDL) files, or
+    /// bivariate_rgb_f32.npy and materials.txt.
     dir: PathBuf,
     /// File to write
     #[arg(short, long)]
@@ -125,8 +125,8 @@ pub(crate) struct TrainPosteriorOptions {
     lights: PathBuf,
     /// Folders of measured BRDFs
     ///
-    /// A folder contains .binary (MERL) and _rgb.bsdf (RGL) files, or bivariate_rgb_f32.npy and
-    /// materials.txt.
+    /// A folder contains .binary (MERL), _rgb.bsdf (RGL) and .mbsdf (MDL) files, or
+    /// bivariate_rgb_f32.npy and materials.txt.
     #[arg(long, value_name = "DIR", required = true, num_args = 1..)]
     materials: Vec<PathBuf>,
     /// File to write

@@ -8,8 +8,8 @@
 //! * [`mesh`]: triangle meshes (OBJ, PLY, glTF);
 //! * [`colour_space`]: named colour spaces and the matrices between them;
 //! * [`camera`]: cameras and poses (`docs/camera.md`);
-//! * [`brdf`]: measured BRDFs in the formats of [`merl`] and [`rgl`]; [`bivariate`]: sets of
-//!   bivariate tables; [`fits`]: published fits of parametric models;
+//! * [`brdf`]: measured BRDFs in the formats of [`merl`], [`rgl`], [`mbsdf`] and [`brdf_csv`];
+//!   [`bivariate`]: sets of bivariate tables; [`fits`]: published fits of parametric models;
 //! * [`model`]: trained models and their parts (`docs/model-format.md`);
 //! * [`lights`]: lists of directional lights;
 //! * [`posterior`]: posteriors of single photographs, to be combined;
@@ -28,6 +28,7 @@
 pub mod atomic;
 pub mod bivariate;
 pub mod brdf;
+pub mod brdf_csv;
 pub mod camera;
 pub mod colour_space;
 mod error;
@@ -39,6 +40,7 @@ pub mod json;
 pub mod lights;
 mod little_endian;
 pub mod material;
+pub mod mbsdf;
 pub mod merl;
 pub mod mesh;
 pub mod model;

@@ -47,7 +47,7 @@ pub fn decode(path: &Path, mut from: impl Read, length: u64) -> Result<MerlTable
     let axis = |i: usize| i32::from_le_bytes([header[i], header[i + 1], header[i + 2], header[i + 3]]);
     let dimensions = [axis(0), axis(4), axis(8)];
     if header.starts_with(ANALYTIC) {
-        let advice = "convert it to a MERL table with the BRDF Explorer, or use a measured material";
+        let advice = "evaluate it on a grid of angles, and write a CSV table (docs/exports.md#file-formats)";
         return Err(Error::unsupported(path, "is an analytic BRDF of Disney's BRDF Explorer, not a table", advice));
     }
     if dimensions != DIMENSIONS {

@@ -1,10 +1,10 @@
 //! Reading and writing files.
 
 use std::collections::HashMap;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use gonio::picture::Picture;
-use gonio::reflectance::{BivariateTable, CELLS, MerlTable, PHI_D, THETA_D, THETA_H};
+use gonio::reflectance::{CELLS, MerlTable, PHI_D, THETA_D, THETA_H};
 use gonio_app::AppError;
 use gonio_app::folder::for_results;
 use gonio_app::photograph::read_picture;
@@ -14,7 +14,6 @@ use gonio_io::colour_space::ColourSpace;
 use gonio_io::picture::{ExrOptions, ReadOptions, encode_exr_with, encode_hdr, encode_pfm, encode_png_srgb8};
 use gonio_io::result::{ResultFile, decode};
 use gonio_io::result_brdf::BrdfQuantiles;
-use gonio_io::rgl::{self, Channels};
 use numpy::ndarray::Axis;
 use numpy::{PyArray2, PyArray3, PyArray4, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::prelude::*;
@@ -155,7 +154,7 @@ pub(crate) fn read_brdf(py: Python<'_>, path: PathBuf, any: bool) -> PyResult<Re
     Ok((arrays::of_tables(py, &tables), arrays::array(py, (3, THETA_H, THETA_D, PHI_D), values)))
 }
 
-/// Writes a BRDF in the format of its file name: .binary (MERL), _spec.bsdf or .bsdf (RGL).
+/// Writes a BRDF in the format of its file name ([`gonio_io::brdf::encode`]).
 #[pyfunction]
 #[pyo3(signature = (path, table, full, name))]
 pub(crate) fn write_brdf(
@@ -166,29 +165,9 @@ pub(crate) fn write_brdf(
     name: &str,
 ) -> PyResult<()> {
     let (tables, full) = (arrays::tables(table)?, full.map(merl_table).transpose()?);
-    py.detach(|| Ok(write_whole(&path, &encode_brdf(&path, &tables, full.as_ref(), name)?)?))
+    let table = full.unwrap_or_else(|| MerlTable::from_bivariate(tables.each_ref()));
+    py.detach(|| Ok(write_whole(&path, &gonio_io::brdf::encode(&path, &table, name)?)?))
         .map_err(|problem: AppError| raise(&problem, py))
-}
-
-fn encode_brdf(
-    path: &Path,
-    tables: &[BivariateTable; 3],
-    full: Option<&MerlTable>,
-    name: &str,
-) -> Result<Vec<u8>, AppError> {
-    let file = path.file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
-    Ok(if file.ends_with(".binary") {
-        full.map_or_else(
-            || gonio_io::merl::encode(&MerlTable::from_bivariate(tables.each_ref())),
-            gonio_io::merl::encode,
-        )
-    } else if file.ends_with("_spec.bsdf") {
-        rgl::encode(tables, name, Channels::Spectral)
-    } else if file.ends_with(".bsdf") {
-        rgl::encode(tables, name, Channels::Rgb)
-    } else {
-        return Err(AppError::of(path.display(), "the output must be a .binary or .bsdf file"));
-    })
 }
 
 /// Contents of a result folder, as `gonio infer` writes it.

@@ -57,9 +57,11 @@ def test_tables_are_written_and_read(tmp_path):
     brdf.write(tmp_path / "x.bsdf")
     # RGL files have other samples.
     assert np.median(np.abs(gonio.read_brdf(tmp_path / "x.bsdf").table / brdf.table - 1)) < 0.01
+    brdf.write(tmp_path / "x.csv")
+    np.testing.assert_allclose(gonio.read_brdf(tmp_path / "x.csv").table, brdf.table, rtol=1e-5)
     with pytest.raises(gonio.GonioError, match="x.bsdf"):
         gonio.read_merl(tmp_path / "x.bsdf")
-    with pytest.raises(gonio.GonioError, match="must be a .binary or .bsdf file"):
+    with pytest.raises(gonio.GonioError, match="not the name of a BRDF file"):
         brdf.write(tmp_path / "x.txt")
 
 

@@ -10,7 +10,7 @@ use gonio::colour::{Chroma, ChromaField, SavedChroma};
 use gonio::inference::{Embedding, Likelihood};
 use gonio_io::picture::{self, ReadOptions};
 use gonio_io::posterior::SavedPosterior;
-use gonio_io::{camera, fits, lights, mesh, model, normals, npy, rgl, table};
+use gonio_io::{brdf_csv, camera, fits, lights, mbsdf, mesh, model, normals, npy, rgl, table};
 
 use crate::{colour, damage, mutation};
 
@@ -19,6 +19,7 @@ const FIT: &str = "a = Aggregate(Lambertian(albedo = [0.1, 0.2, 0.3]), \
 
 const LIGHTS: &str = "# lights\n0 3 4  1 0.5 0.25\n-1 0 0 0 0 1\n";
 
+const BRDF_TABLE: &str = "theta_h,theta_d,red,green,blue\n0,0,3,2,1\n0,45,3,2,1\n20,0,1,1,1\n20,45,1,1,1\n";
 const TABLE: &str =
     "name,image,mask,grid,no-shadows\none,ball.exr,,8,yes\n# a remark\n\"a, \"\"b\"\"\",a.png;b.png,m.png,,no\n";
 
@@ -80,6 +81,8 @@ fn seeds() -> Vec<(&'static str, String, Vec<u8>)> {
     results[0].extend(&posterior);
     seeds.extend([
         ("rgl", "a.bsdf".to_owned(), crate::rgl::small()),
+        ("mbsdf", "a.mbsdf".to_owned(), small_mbsdf()),
+        ("brdf_csv", "a.csv".to_owned(), BRDF_TABLE.into()),
         ("model", "light.prior".to_owned(), include_bytes!("../../model/paper.prior").to_vec()),
         ("fits", "a.fit".to_owned(), FIT.into()),
         ("lights", "a.txt".to_owned(), LIGHTS.into()),
@@ -92,6 +95,14 @@ fn seeds() -> Vec<(&'static str, String, Vec<u8>)> {
     ]);
     seeds.extend(results.into_iter().enumerate().map(|(i, bytes)| ("results", format!("{i}.txt"), bytes)));
     seeds
+}
+
+/// Encodes a grey BSDF of one polar angle and two azimuths.
+fn small_mbsdf() -> Vec<u8> {
+    let mut bytes = b"NVIDIA ARC MBSDF V1\ncreator=\"a\"\nMBSDF_DATA=\n".to_vec();
+    bytes.extend([0_u32, 1, 2].iter().flat_map(|n| n.to_le_bytes()));
+    bytes.extend([0.3_f32, 0.2].iter().flat_map(|v| v.to_le_bytes()));
+    bytes
 }
 
 fn folder() -> PathBuf {
@@ -112,6 +123,8 @@ fn every_seed_is_read() {
             "camera" => camera::decode_camera(path, &bytes, (640, 480)).err(),
             "pose" => camera::decode_pose(path, &bytes).err(),
             "rgl" => rgl::decode(path, &bytes).err(),
+            "mbsdf" => mbsdf::decode(path, &bytes).err(),
+            "brdf_csv" => brdf_csv::decode(path, &bytes).err(),
             "model" => model::decode_lighting(path, &bytes).err(),
             "fits" => fits::decode(path, &bytes).err(),
             "lights" => lights::decode_lights(path, &bytes).err(),

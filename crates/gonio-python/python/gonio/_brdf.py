@@ -201,7 +201,7 @@ class Brdf:
         ----------
         path : str or os.PathLike
             The extension determines the format: ``.binary`` (MERL), ``_spec.bsdf`` or ``.bsdf`` (RGL, for pbrt
-            and Mitsuba 3).
+            and Mitsuba 3), ``.mbsdf`` (NVIDIA's MDL), ``.npz`` or ``.csv``.
 
         Examples
         --------

@@ -32,9 +32,9 @@ def read_merl(path: Path) -> Brdf:
 
 
 def read_brdf(path: Path) -> Brdf:
-    """Read the BRDF of a result (``brdf.npz``), a table of the MERL database (``.binary``) or an RGB file of the RGL database (``.bsdf``).
+    """Read a BRDF: a result (``brdf.npz``), or a file of MERL (``.binary``), RGL (``.bsdf``, in RGB), MDL (``.mbsdf``) or text (``.csv``).
 
-    The header of the file determines the format.
+    The header or the extension of the file determines the format.
 
     Parameters
     ----------

@@ -144,7 +144,7 @@ pub(crate) fn posterior(material: &Material, albedo: f64) -> Posterior {
             gloss_units: Some(GlossUnits { albedo, at_20, at_60 }),
             peak_to_body: PeakToBody { quantiles: material.peak_to_body.into(), factor: material.peak_factor() },
         },
-        materials: material.neighbours.iter().map(similar).collect(),
+        materials: material.posterior.neighbours.iter().map(similar).collect(),
         undetermined: material.undetermined_share,
         wide: WideCells { factor: WIDE, share: material.wider_than(WIDE) },
         out_of_distribution: Some(material.out_of_distribution),

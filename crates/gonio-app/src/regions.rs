@@ -323,7 +323,12 @@ impl RegionsResult {
                 .map(|region| Row {
                     name: region.name.clone(),
                     verdict: verdict(region),
-                    nearest: region.result.material.as_ref().and_then(|m| m.neighbours.first()).map(|n| n.name.clone()),
+                    nearest: region
+                        .result
+                        .material
+                        .as_ref()
+                        .and_then(|m| m.posterior.neighbours.first())
+                        .map(|n| n.name.clone()),
                     relative_albedo: region.relative_albedo,
                     misfit: region.result.residual.1,
                     warnings: region.result.warnings.clone(),

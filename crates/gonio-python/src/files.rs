@@ -1,7 +1,7 @@
 //! Reading and writing files.
 
 use std::collections::HashMap;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use gonio::picture::Picture;
 use gonio::reflectance::{CELLS, MerlTable, PHI_D, THETA_D, THETA_H};

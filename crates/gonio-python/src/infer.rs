@@ -262,7 +262,8 @@ pub(crate) fn of_material<'py>(
     out.set_item("rgb_quantiles", channels)?;
     out.set_item("undetermined", arrays::array(py, shape, material.undetermined.clone()))?;
     out.set_item("undetermined_share", material.undetermined_share)?;
-    let materials: Vec<(String, f64)> = material.neighbours.iter().map(|n| (n.name.clone(), n.weight)).collect();
+    let materials: Vec<(String, f64)> =
+        material.posterior.neighbours.iter().map(|n| (n.name.clone(), n.weight)).collect();
     out.set_item("materials", materials)?;
     let three = |values: [f64; 3]| arrays::array(py, 3, values.to_vec());
     out.set_item("peak_to_body", three(material.peak_to_body))?;

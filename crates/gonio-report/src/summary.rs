@@ -4,13 +4,13 @@ use glam::Vec3;
 use gonio::inference::learnt::Neighbour;
 use gonio::picture::Plane;
 
-use crate::canvas::{INK, LARGE_LINE, fill, large, large_note, large_width_of, place, sheet};
-use crate::panels::{PANEL, Panels, Subject, resolution};
+use crate::canvas::{INK, LARGE_LINE, fill, large, large_note, place, sheet};
+use crate::panels::{PANEL, Panels, Subject, resize, resolution};
 
 /// Space between panels, in pixels.
 const GAP: usize = 28;
 /// Height of a name with its bar, in pixels.
-const ROW: usize = 56;
+const ROW: usize = PANEL / 4;
 
 /// Height of a row of panels, in pixels.
 const HIGH: usize = PANEL + GAP + LARGE_LINE + 8;
@@ -30,7 +30,7 @@ pub fn compose(subject: &Subject<'_>, panels: &Panels, caption: &str) -> Plane<V
         (&given, &light),
     ]];
     let found = panels.spheres.first().map(|(_, sphere)| ("BRDF in a new light", sphere));
-    let names = subject.material.map(|material| nearest(&material.neighbours));
+    let names = subject.material.map(|material| nearest(&material.posterior.neighbours, &panels.similar));
     if let Some(names) = &names {
         let labels = ["dull end (5 %)", "glossy end (95 %)"];
         let mut second: Vec<_> = found.into_iter().chain(labels.into_iter().zip(&panels.ends)).collect();
@@ -59,19 +59,18 @@ fn in_square(map: &Plane<Vec3>) -> Plane<Vec3> {
     out
 }
 
-/// Draws names with bars whose lengths are proportional to the weights.
-fn nearest(neighbours: &[Neighbour]) -> Plane<Vec3> {
+/// Draws spheres with names and weights, and bars whose lengths are proportional to the weights.
+fn nearest(neighbours: &[Neighbour], spheres: &[Plane<Vec3>]) -> Plane<Vec3> {
     let mut out = sheet(PANEL, PANEL);
     let top = neighbours.first().map_or(1.0, |m| m.weight);
-    for (n, material) in neighbours.iter().take(PANEL / ROW).enumerate() {
+    let left = ROW + GAP;
+    for (n, (material, sphere)) in neighbours.iter().zip(spheres).enumerate() {
         let y = n * ROW;
-        large(&mut out, 0, y, &material.name);
-        let share = format!("{:.0} %", 100.0 * material.weight);
-        let left = PANEL - large_width_of(&share);
-        fill(&mut out, (left - 8, y), (PANEL + 8 - left, LARGE_LINE), crate::canvas::PAPER);
-        large(&mut out, left, y, &share);
-        let length = (material.weight / top * PANEL as f64) as usize;
-        fill(&mut out, (0, y + LARGE_LINE - 4), (length.max(1), 6), 0.4 * INK);
+        place(&mut out, 0, y, &resize(sphere, ROW - 8, ROW - 8));
+        large(&mut out, left, y + 12, &material.name);
+        large(&mut out, left, y + 12 + LARGE_LINE, &format!("{:.0} %", 100.0 * material.weight));
+        let length = (material.weight / top * (PANEL - left) as f64) as usize;
+        fill(&mut out, (left, y + 16 + 2 * LARGE_LINE), (length.max(1), 6), 0.4 * INK);
     }
     out
 }

@@ -149,7 +149,7 @@ impl Session {
         let views = [("estimate", &material.table), ("dull end (5 %)", dull), ("glossy end (95 %)", glossy)]
             .map(|(name, table)| sphere::material(name, &field.tables(table)));
         let neighbours: Vec<Value> =
-            material.neighbours.iter().map(|n| json!({ "name": n.name, "weight": n.weight })).collect();
+            material.posterior.neighbours.iter().map(|n| json!({ "name": n.name, "weight": n.weight })).collect();
         let notes = json!({
             "verdict": material.verdict(),
             "undetermined_share": material.undetermined_share,

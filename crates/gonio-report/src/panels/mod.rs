@@ -11,7 +11,7 @@ mod view;
 
 use glam::{DVec3, Vec3};
 use gonio::colour::ChromaField;
-use gonio::estimate::Material;
+use gonio::estimate::{ALBEDO, Material};
 use gonio::lighting::{EnvironmentMap, LightGrid, lamp_light, sky_light};
 use gonio::picture::{Picture, Plane, luminance};
 use gonio::reflectance::BivariateTable;
@@ -25,6 +25,8 @@ use view::View;
 
 /// Height of a panel, in pixels.
 pub const PANEL: usize = 512;
+/// Largest number of [`Panels::similar`].
+const SIMILAR: usize = 4;
 /// Rows of the lights for rendering. A mirror shows details below one degree.
 const LIGHT_ROWS: usize = 256;
 
@@ -80,6 +82,9 @@ pub struct Panels {
     /// Spheres of draws from the posterior in the first of these lights, for the report of the same
     /// methods.
     pub draws: Vec<Plane<Vec3>>,
+    /// Spheres of the most similar measured materials, in the estimated colours, in the first of
+    /// these lights, half as large as the other panels.
+    pub similar: Vec<Plane<Vec3>>,
 }
 
 /// Returns the first built-in light of [`builtin_lights`].
@@ -112,7 +117,7 @@ impl Panels {
         let coloured = |table: &BivariateTable| subject.coloured(table);
         let ends = subject.material.iter().flat_map(|material| &material.ends.tables);
         let shown: Vec<[BivariateTable; 3]> = std::iter::once(subject.table).chain(ends).map(coloured).collect();
-        let (mut spheres, mut ends, mut draws) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut spheres, mut ends, mut draws, mut similar) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
         for (i, (name, light)) in builtin_lights(LIGHT_ROWS).into_iter().enumerate() {
             // Draw the ends in the first light only; they differ as clearly in it as in the others.
             let materials = if i == 0 { &shown[..] } else { &shown[..1] };
@@ -122,12 +127,17 @@ impl Panels {
             let mut drawn = drawn.iter().map(|p| over_paper(p, exposure));
             spheres.extend(drawn.next().map(|p| (name, p)));
             ends.extend(drawn);
-            if let Some(material) = subject.material.filter(|_| i == 0 && with_draws) {
-                // Materials rendered together share half vectors, so the draws would change the
-                // pictures above. The report shows draws at a smaller size.
-                let examples: Vec<_> = material.ends.examples.iter().map(coloured).collect();
-                let pictures = stage.spheres(&examples);
-                draws.extend(pictures.iter().map(|p| resize(&over_paper(p, exposure), PANEL / 2, PANEL / 2)));
+            if let Some(material) = subject.material.filter(|_| i == 0) {
+                let neighbours = material.posterior.neighbours.iter().take(SIMILAR);
+                let mut others: Vec<_> = neighbours.map(|n| coloured(&n.table.with_normal_albedo(ALBEDO).0)).collect();
+                let count = others.len();
+                others.extend(material.ends.examples.iter().filter(|_| with_draws).map(coloured));
+                // Materials rendered together share half vectors, so these would change the
+                // pictures above.
+                let pictures = stage.spheres(&others);
+                let small = |p: &Picture| resize(&over_paper(p, exposure), PANEL / 2, PANEL / 2);
+                similar.extend(pictures[..count].iter().map(small));
+                draws.extend(pictures[count..].iter().map(small));
             }
             progress(0.3 + 0.7 * (i + 1) as f64 / 3.0);
         }
@@ -141,6 +151,7 @@ impl Panels {
             spheres,
             ends,
             draws,
+            similar,
         }
     }
 }

@@ -34,6 +34,9 @@ const SCRIPT: &str = concat!(
 /// Width of the picture of a draw, in pixels: five fit in a row.
 const DRAW: usize = 210;
 
+/// Width of the picture of a similar material, in pixels: two fit beside the map of widths.
+const SIMILAR: usize = 230;
+
 /// Width at which most pictures are shown: half of their pixels, for high-resolution screens.
 const SHOWN: usize = PANEL / 2;
 
@@ -251,8 +254,16 @@ impl Report<'_> {
     }
 
     fn trust(&self, material: &Material) -> Markup {
-        let rows: Vec<Vec<String>> =
-            material.neighbours.iter().map(|n| vec![n.name.clone(), percent(n.weight)]).collect();
+        let similar: Vec<Markup> = material
+            .posterior
+            .neighbours
+            .iter()
+            .zip(&self.panels.similar)
+            .map(|(neighbour, picture)| {
+                let sphere = figure::sized(picture, SIMILAR, &format!("A sphere with the BRDF of {}", neighbour.name));
+                html! { div.tile { (sphere) span { (neighbour.name) br; (percent(neighbour.weight)) } } }
+            })
+            .collect();
         let ends = ["dull end (5 %)", "estimate", "glossy end (95 %)"];
         let pictures = [self.panels.ends.first(), self.panels.spheres.first().map(|s| &s.1), self.panels.ends.get(1)];
         let tiles: Vec<(&str, Markup)> = ends
@@ -278,8 +289,8 @@ impl Report<'_> {
                 "If they look different, the photograph does not determine the material."
             }))
             (figure::figure(&figure::tiles(&draws), &html! {
-                "Five materials drawn from the posterior, from dull to glossy, in the same light. All of them agree with the \
-                 photograph."
+                "Five materials drawn from the posterior, in the same light, in order of their position between the two \
+                 ends. All of them agree with the photograph."
             }))
             (figure::grid(22, &[
                 figure::figure(&svg(&[&width(material)], false, "Map of the width of the 90 % interval over half and difference angle"),
@@ -289,10 +300,10 @@ impl Report<'_> {
                         (format!("The photograph does not determine the hatched cells ({} of the cells below 80°). ", percent(material.undetermined_share)))
                         "All cells above 80° are hatched, too."
                     }),
-                html! { div { @if !rows.is_empty() {
-                (table::table("Measured materials (MERL database) with the most similar highlights, regardless of \
-                    colour, and their weights in the posterior", &["material", "weight"], &rows))
-                } } },
+                figure::figure(&html! { div.tiles { @for tile in &similar { (tile) } } }, &html! {
+                    "Measured materials (MERL database) with the most similar highlights, in the estimated colours, and \
+                     their weights among the measured materials."
+                }),
             ]))
         }
     }
@@ -367,7 +378,6 @@ fn warnings(lines: &[String]) -> Markup {
 
 /// Summarises the estimate in words.
 fn facts(material: &Material, result: &ResultDocument) -> Markup {
-    let nearest = material.neighbours.first();
     let interval = |[low, median, high]: [f64; 3]| {
         html! { strong { (short(median)) } ", 90 % interval " (short(low)) " to " (short(high)) }
     };
@@ -398,10 +408,6 @@ fn facts(material: &Material, result: &ResultDocument) -> Markup {
                 }
             }
             (colours(&result.colour))
-            @if let Some(nearest) = nearest {
-                div { dt { "most similar measured material" } dd { (nearest.name) " (weight " (percent(nearest.weight)) " among the measured materials)"
-                    span.note { " (similar highlight, regardless of colour)" } } }
-            }
         }
     }
 }

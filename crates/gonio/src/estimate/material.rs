@@ -5,7 +5,7 @@ use super::{Colouring, ColouringRule, Diagnostic, Ends, EstimateError, Highlight
 use crate::appearance::{DiskImage, fineness};
 use crate::colour::ChromaField;
 use crate::inference::learnt::{
-    self, LearntPosterior, MaterialPosterior, Neighbour, SphereEquivalent, SphereEquivalentSettings, peak_to_body,
+    self, LearntPosterior, MaterialPosterior, SphereEquivalent, SphereEquivalentSettings, peak_to_body,
     to_sphere_equivalent,
 };
 use crate::inference::{Embedding, Likelihood};
@@ -20,9 +20,6 @@ pub const ALBEDO: f64 = 0.5;
 
 /// Shares of the quantiles in [`Material::quantiles`].
 pub const QUANTILE_LEVELS: [f64; 4] = [0.05, 0.25, 0.75, 0.95];
-
-/// Largest number of [`Material::neighbours`], and the smallest weight of each.
-const NAMED: (usize, f64) = (10, 0.005);
 
 /// Number of draws from which the ends are computed.
 const DRAWS: usize = 128;
@@ -42,9 +39,6 @@ pub struct Material {
     pub undetermined: Vec<bool>,
     /// Share of the trusted cells (both angles below 80 degrees) that are undetermined, 0..=1.
     pub undetermined_share: f64,
-    /// Measured materials of the largest weights, in descending order, at most ten. The weights of
-    /// all measured materials sum to one.
-    pub neighbours: Vec<Neighbour>,
     /// Dull and glossy end of the interval.
     pub ends: Ends,
     /// 5, 50 and 95 % quantiles of the ratio of the peak to the body, [`peak_to_body`].
@@ -240,8 +234,6 @@ impl<'a> MaterialDraft<'a> {
         let undetermined = posterior.undetermined(self.learnt);
         let trusted: Vec<usize> = trusted_cells().collect();
         let undetermined_share = trusted.iter().filter(|&&c| undetermined[c]).count() as f64 / trusted.len() as f64;
-        let (most, least) = NAMED;
-        let neighbours = posterior.neighbours.iter().take(most).filter(|n| n.weight >= least).cloned().collect();
         let ranking = posterior.ranking(peak_to_body);
         let drawn = learnt::predict(self.learnt, &posterior.likelihood, DRAWS, 1);
         let ends = Ends::of(drawn.as_ref().unwrap_or(&posterior.draws));
@@ -252,7 +244,6 @@ impl<'a> MaterialDraft<'a> {
             quantiles,
             undetermined,
             undetermined_share,
-            neighbours,
             ends,
             peak_to_body: [peak[0], peak[1], peak[2]],
             highlight: Highlight::of(&posterior),

@@ -15,6 +15,10 @@ const DRAWS: usize = 256;
 /// Ratio of a cell's 90 % interval to the prior's above which the cell is undetermined.
 const UNDETERMINED: f64 = 0.6;
 
+/// Largest number of [`MaterialPosterior::neighbours`], and the smallest weight of each.
+const MAX_NEIGHBOURS: usize = 10;
+const MIN_NEIGHBOUR_WEIGHT: f64 = 0.005;
+
 /// A measured material and its share of the posterior.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Neighbour {
@@ -22,6 +26,8 @@ pub struct Neighbour {
     pub name: String,
     /// Weight of the material; the weights of all measured materials sum to one.
     pub weight: f64,
+    /// Its BRDF, on an arbitrary scale.
+    pub table: BivariateTable,
 }
 
 /// Posterior of the material: equally likely draws, and weights of measured materials.
@@ -39,7 +45,7 @@ pub struct MaterialPosterior {
     /// and is glossier than most of the materials that it represents. Both means relight equally
     /// well (`docs/trials.md`).
     pub mean: BivariateTable,
-    /// Measured materials by descending weight.
+    /// Measured materials of the largest weights, in descending order, at most ten.
     pub neighbours: Vec<Neighbour>,
     /// Errors that the draws do not show; they widen the intervals.
     pub spread: ErrorScale,
@@ -88,9 +94,7 @@ impl MaterialPosterior {
         let count = draws.len() as f64;
         let mean = BivariateTable::from_vec(sum.into_iter().map(|v| (v / count).exp() as f32).collect());
         let shares = learnt.measured.weights(&weighed);
-        let named = |(name, weight): (&String, f64)| Neighbour { name: name.clone(), weight };
-        let mut neighbours: Vec<Neighbour> = learnt.names.iter().zip(shares).map(named).collect();
-        neighbours.sort_by(|a, b| b.weight.total_cmp(&a.weight));
+        let neighbours = heaviest(learnt, &shares);
         Self { likelihood: Likelihood::Embedding(embedding), draws, mean, neighbours, spread: ErrorScale::BLIND }
     }
 
@@ -171,20 +175,29 @@ impl MaterialPosterior {
     }
 }
 
-/// Returns the measured materials by descending weight.
+/// Returns the measured materials of the largest weights, in descending order.
+fn heaviest(learnt: &LearntPosterior, weights: &[f64]) -> Vec<Neighbour> {
+    let mut order: Vec<usize> = (0..weights.len()).collect();
+    order.sort_by(|a, b| weights[*b].total_cmp(&weights[*a]));
+    order.truncate(MAX_NEIGHBOURS);
+    order.retain(|at| weights[*at] >= MIN_NEIGHBOUR_WEIGHT);
+    let places: Vec<Vec<f64>> =
+        order.iter().map(|at| learnt.measured.coordinates[*at].iter().map(|z| f64::from(*z)).collect()).collect();
+    let tables = learnt.latent_space.tables(&places);
+    let neighbour = |(at, table): (usize, _)| Neighbour { name: learnt.names[at].clone(), weight: weights[at], table };
+    order.into_iter().zip(tables).map(neighbour).collect()
+}
+
+/// Returns the measured materials nearest to a place in the coordinates.
 ///
-/// The weights are proportional to `exp(-d^2 / 2)`, where `d` is the distance from a place in the
-/// coordinates.
+/// The weights are proportional to `exp(-d^2 / 2)`, where `d` is the distance.
 fn nearest(learnt: &LearntPosterior, from: &[f64]) -> Vec<Neighbour> {
     let distance = |place: &Vec<f32>| from.iter().zip(place).map(|(a, b)| (a - f64::from(*b)).powi(2)).sum::<f64>();
     let distances: Vec<f64> = learnt.measured.coordinates.iter().map(distance).collect();
     let least = distances.iter().copied().fold(f64::INFINITY, f64::min);
     let weights: Vec<f64> = distances.iter().map(|d| (-0.5 * (d - least)).exp()).collect();
     let total: f64 = weights.iter().sum();
-    let named = |(name, weight): (&String, f64)| Neighbour { name: name.clone(), weight: weight / total };
-    let mut neighbours: Vec<Neighbour> = learnt.names.iter().zip(weights).map(named).collect();
-    neighbours.sort_by(|a, b| b.weight.total_cmp(&a.weight));
-    neighbours
+    heaviest(learnt, &weights.into_iter().map(|weight| weight / total).collect::<Vec<_>>())
 }
 
 /// Draws materials with albedo one along the normal from a posterior.

@@ -8,7 +8,9 @@ use glam::Vec3;
 use gonio::lighting::{EnvironmentMap, studio_light};
 use gonio::reflectance::{BivariateTable, MerlTable};
 use gonio::render::{Exposure, LightTree, SphereSettings, render_sphere};
-use gonio::shading::{ColourCookTorrance, ColourWard, Fitted, Fitter, Layered, MetallicRoughness, Principled, Shading};
+use gonio::shading::{
+    BlenderPrincipled, ColourCookTorrance, ColourWard, Fitted, Fitter, Layered, MetallicRoughness, Principled, Shading,
+};
 use gonio_io::atomic::StagedFolder;
 use gonio_io::colour_space::ColourSpace;
 use gonio_io::material::{
@@ -192,7 +194,6 @@ impl Export {
                 .map_or_else(|| studio_light(LIGHT_ROWS), |light| times(&light, Vec3::splat(1.0 / scale as f32))),
             fitter,
             draws,
-            layered: None,
             tables,
             whole: whole.filter(|_| scale == 1.0),
             with_tables,
@@ -320,8 +321,6 @@ struct Writer<'a> {
     fitter: Fitter,
     /// Fitters of the draws from the posterior.
     draws: Vec<Fitter>,
-    /// Fit and intervals that several targets share; computed on first use.
-    layered: Option<(Fitted<Layered>, Value)>,
     tables: [BivariateTable; 3],
     /// BRDF with its dependence on the third angle, if it is exported unscaled.
     whole: Option<MerlTable>,
@@ -380,9 +379,9 @@ impl Writer<'_> {
                 self.model(target, PRINCIPLED, text.as_bytes(), fitted, "alpha = roughness^2")
             }
             Target::Blender => {
-                let fitted = self.layered();
+                let fitted = self.fit::<BlenderPrincipled>();
                 let text = blender_scene(&self.name, &fitted.0.model, LIGHT, self.stops(), &note_of(&fitted));
-                let note = "Blender 4.0 or later; alpha = Roughness^2; the same fit as mtlx";
+                let note = "Blender 4.0 or later; alpha = Roughness^2; specular_color is the Specular Tint";
                 self.model(target, "blender.py", text.as_bytes(), fitted, note)
             }
             Target::Gltf => {
@@ -397,7 +396,7 @@ impl Writer<'_> {
                 )
             }
             Target::Mtlx => {
-                let fitted = self.layered();
+                let fitted = self.fit::<Layered>();
                 let text = materialx(&self.name, &fitted.0.model, &note_of(&fitted));
                 self.model(target, "openpbr.mtlx", text.as_bytes(), fitted, "OpenPBR; alpha = specular_roughness^2")
             }
@@ -464,12 +463,6 @@ impl Writer<'_> {
         let drawn: Vec<Value> = self.draws.par_iter().map(refit).collect();
         let intervals = intervals(&drawn);
         (fitted, intervals)
-    }
-
-    /// Returns the OpenPBR fit and its intervals; computes them on the first call.
-    fn layered(&mut self) -> (Fitted<Layered>, Value) {
-        let layered = self.layered.take().unwrap_or_else(|| self.fit());
-        self.layered.insert(layered).clone()
     }
 
     /// Writes a table whose contents decode to `tables`.

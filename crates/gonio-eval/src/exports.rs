@@ -5,7 +5,7 @@ use std::path::Path;
 use anyhow::Result;
 use gonio::estimate::ALBEDO;
 use gonio::reflectance::BivariateTable;
-use gonio::shading::{ColourCookTorrance, Fitted, Fitter, Layered, MetallicRoughness, Principled};
+use gonio::shading::{BlenderPrincipled, ColourCookTorrance, Fitted, Fitter, Layered, MetallicRoughness, Principled};
 
 use crate::materials::Materials;
 use crate::metrics::median;
@@ -19,7 +19,7 @@ pub(crate) struct ExportsOptions {
 }
 
 /// Models in the columns of the table.
-const MODELS: [&str; 4] = ["OpenPBR, Blender", "Mitsuba `principled`", "glTF", "Cook-Torrance"];
+const MODELS: [&str; 5] = ["OpenPBR", "Blender", "Mitsuba `principled`", "glTF", "Cook-Torrance"];
 
 /// Errors of a model: relight and log relight.
 type Errors = (f64, f64);
@@ -46,23 +46,24 @@ pub(crate) fn run(data: &Path, options: &ExportsOptions) -> Result<()> {
     Ok(())
 }
 
-fn errors(fitter: &Fitter) -> [Errors; 4] {
+fn errors(fitter: &Fitter) -> [Errors; 5] {
     fn of<S>(fitted: Fitted<S>) -> Errors {
         (fitted.relight, fitted.log_relight)
     }
     [
         of(fitter.fit::<Layered>()),
+        of(fitter.fit::<BlenderPrincipled>()),
         of(fitter.fit::<Principled>()),
         of(fitter.fit::<MetallicRoughness>()),
         of(fitter.fit::<ColourCookTorrance>()),
     ]
 }
 
-fn row(errors: &[Errors; 4]) -> String {
+fn row(errors: &[Errors; 5]) -> String {
     errors.map(|(relight, log)| format!("{:.1} / {:.1} %", 100.0 * relight, 100.0 * log)).join(" | ")
 }
 
-fn medians(all: &[[Errors; 4]]) -> [Errors; 4] {
+fn medians(all: &[[Errors; 5]]) -> [Errors; 5] {
     std::array::from_fn(|model| {
         let of = |error: fn(&Errors) -> f64| median(all.iter().map(|errors| error(&errors[model])).collect());
         (of(|e| e.0), of(|e| e.1))

@@ -1,11 +1,12 @@
-"""Runs an exported script in Blender unchanged, and compares its picture with `gonio render` of the table of the same fit.
+"""Runs exported scripts in Blender unchanged, and compares each picture with `gonio render` of the table of the same fit.
 
-    python3 blender.py GONIO RESULTS [FOLDER]
+    python3 blender.py GONIO RESULTS [BRDF...]
 
-GONIO is the program, RESULTS a folder of results of `gonio infer`, and FOLDER the folder to export to. Requires the package bpy (Blender 4.2 or later as a module) and
-numpy, which bpy installs. The exit code is 1 if the error of the picture exceeds LIMIT.
+GONIO is the program, RESULTS a folder of results of `gonio infer`, and BRDF are further BRDF files. The script adds a paint with a coloured highlight, whose fit has a tint.
+Requires the package bpy (Blender 4.2 or later as a module) and numpy, which bpy installs. The exit code is 1 if the error of a picture exceeds LIMIT.
 """
 
+import json
 import re
 import subprocess
 import sys
@@ -44,10 +45,21 @@ def error(shown, own):
     return np.sqrt(np.mean(logs**2)), told.sum() / inside.sum()
 
 
-def main(gonio, results, folder=None):
+def paint(path):
+    """Writes a blue paint whose highlight is orange at normal incidence and white at grazing angles."""
+    half, difference = (np.arange(90) / 90) ** 2 * np.pi / 2, np.radians(np.arange(90))
+    lobe = 1 / (4 * np.pi * 0.1**2 * (1 + (np.tan(half) / 0.1) ** 2) ** 2)
+    normal = np.array([0.06, 0.02, 0.005])
+    fresnel = normal + (1 - normal) * ((1 - np.cos(difference)) ** 5)[:, None]
+    np.savez(path, brdf=np.array([0.01, 0.015, 0.03]) / np.pi + lobe[:, None, None] * fresnel)
+
+
+def check(gonio, brdf, limit_of_tint=1.0):
+    """Checks a BRDF; its fit must have a tint of at most the limit in one channel."""
     with tempfile.TemporaryDirectory() as scratch:
-        folder = Path(folder or scratch)
-        run(gonio, "export", results, "--to", "blender", "--tables", "-o", folder)
+        folder = Path(scratch)
+        run(gonio, "export", brdf, "--to", "blender", "--tables", "-o", folder)
+        tint = json.loads((folder / "export.json").read_text())["exports"]["blender"]["parameters"]["specular_color"]
         run(sys.executable, folder / "blender.py")
         shown = read(folder / "blender.png")
         own = Path(scratch) / "own.exr"
@@ -59,9 +71,18 @@ def main(gonio, results, folder=None):
     coverage = abs(shown[..., 3] - own[..., 3]).mean()
     mirrored, _ = error(shown[:, ::-1], own)
     shifted, _ = error(np.roll(shown, len(shown) // 64, axis=1), own)
-    good = log < LIMIT < min(mirrored, shifted) and share > 0.9 and coverage < 0.005
-    print(f"blender.py: difference {log:.4f} (limit {LIMIT}) over {share:.0%}; mirrored {mirrored:.2f}, shifted {shifted:.2f}{'' if good else '  FAILED'}")
-    return 0 if good else 1
+    good = log < LIMIT < min(mirrored, shifted) and share > 0.9 and coverage < 0.005 and min(tint) <= limit_of_tint
+    print(f"{Path(brdf).stem}: difference {log:.4f} (limit {LIMIT}) over {share:.0%}; mirrored {mirrored:.2f}, shifted {shifted:.2f}, tint {min(tint):.2f}{'' if good else '  FAILED'}")
+    return good
+
+
+def main(gonio, results, *brdfs):
+    with tempfile.TemporaryDirectory() as scratch:
+        tinted = Path(scratch) / "paint.npz"
+        paint(tinted)
+        # A weaker tint would hide an error in the angles to which it applies.
+        good = [check(gonio, tinted, 0.5), *(check(gonio, brdf) for brdf in (results, *brdfs))]
+    return 0 if all(good) else 1
 
 
 if __name__ == "__main__":

@@ -1,9 +1,9 @@
 """Renders exports of gonio in Mitsuba 3, and compares them with `gonio render` of the same BRDF under the same light.
 
-    python check.py GONIO RESULTS
+    python check.py GONIO RESULTS [BRDF...]
 
-GONIO is the program, and RESULTS a folder of results of `gonio infer`. The script creates the light and two analytic materials. Requires numpy and mitsuba. The exit
-code is 1 if the error of a picture exceeds its limit.
+GONIO is the program, RESULTS a folder of results of `gonio infer`, and BRDF are further BRDF files. The script creates the light and two analytic materials. Requires numpy
+and mitsuba. The exit code is 1 if the error of a picture exceeds its limit.
 """
 
 import json
@@ -108,6 +108,7 @@ def main():
         for name, f in [("satin", coat([0.4, 0.1, 0.05], 0.3)), ("glossy", coat([0.05, 0.1, 0.3], 0.03))]:
             inputs[name] = work / f"{name}.binary"
             write_merl(inputs[name], f)
+        inputs |= {Path(path).stem: Path(path) for path in sys.argv[3:]}
         own = {}
         for name, path in inputs.items():
             out = work / name

@@ -1,4 +1,4 @@
-use gonio::shading::{COAT_IOR, Layered};
+use gonio::shading::{BlenderPrincipled, COAT_IOR};
 
 use super::{HALF_WIDTH, SIZE, colour, number};
 
@@ -7,7 +7,7 @@ use super::{HALF_WIDTH, SIZE, colour, number};
 /// It runs in Blender's text editor or with `blender --python`. The material has the name `name`
 /// and is assigned to the active object if there is one. Blender's `Roughness` is the square root
 /// of GGX's width. `note` becomes a comment.
-pub fn blender_script(name: &str, model: &Layered, note: &str) -> String {
+pub fn blender_script(name: &str, BlenderPrincipled(model): &BlenderPrincipled, note: &str) -> String {
     // A JSON string is also a Python string.
     let quoted = serde_json::Value::from(name).to_string();
     format!(
@@ -33,7 +33,7 @@ pub fn blender_script(name: &str, model: &Layered, note: &str) -> String {
 /// The scene is a sphere of the material, framed like that of `render_sphere`, under the lat-long
 /// map in the file `light`, brightened by `exposure` stops. If Blender runs without a window, the
 /// script renders the scene to `blender.png` in its own folder.
-pub fn blender_scene(name: &str, model: &Layered, light: &str, exposure: f64, note: &str) -> String {
+pub fn blender_scene(name: &str, model: &BlenderPrincipled, light: &str, exposure: f64, note: &str) -> String {
     format!(
         "{}\n\nLIGHT = \"{light}\"\nEXPOSURE = {}  # stops\nSIZE = {SIZE}  # pixels\nWIDTH = {:.6}  # of the picture, in radii\n\n{}",
         blender_script(name, model, note),

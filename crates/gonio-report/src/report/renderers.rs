@@ -1,7 +1,7 @@
 //! Parameters of the material for renderers, ready to copy.
 
 use gonio::reflectance::BivariateTable;
-use gonio::shading::{Fitted, Fitter, Layered, MetallicRoughness, Principled};
+use gonio::shading::{BlenderPrincipled, Fitted, Fitter, Layered, MetallicRoughness, Principled};
 use gonio_io::material::{Place, blender_script, fit_note, gltf_material, materialx, mitsuba_principled, poor_fit};
 use maud::{Markup, html};
 
@@ -15,7 +15,9 @@ pub struct Fits {
     pub albedo: Option<f64>,
     /// Mitsuba.
     pub principled: Fitted<Principled>,
-    /// OpenPBR, MaterialX, Blender.
+    /// Blender.
+    pub blender: Fitted<BlenderPrincipled>,
+    /// OpenPBR, MaterialX.
     pub layered: Fitted<Layered>,
     /// glTF.
     pub metallic_roughness: Fitted<MetallicRoughness>,
@@ -37,12 +39,18 @@ impl Fits {
             fitter = fitter.scaled(factor);
             factor * BivariateTable::luminance(tables).normal_albedo()
         });
-        Self { albedo, principled: fitter.fit(), layered: fitter.fit(), metallic_roughness: fitter.fit() }
+        Self {
+            albedo,
+            principled: fitter.fit(),
+            blender: fitter.fit(),
+            layered: fitter.fit(),
+            metallic_roughness: fitter.fit(),
+        }
     }
 }
 
 pub(super) fn section(name: &str, fits: &Fits) -> Markup {
-    let Fits { albedo, principled, layered, metallic_roughness } = fits;
+    let Fits { albedo, principled, blender, layered, metallic_roughness } = fits;
     let gltf = serde_json::to_string_pretty(&gltf_material(name, &metallic_roughness.model)).unwrap_or_default();
     let width = "alpha = roughness²";
     html! {
@@ -54,7 +62,7 @@ pub(super) fn section(name: &str, fits: &Fits) -> Markup {
                 "; " code { "gonio export --albedo" } " sets another." }
         }
         (block("mitsuba", "Mitsuba 3, principled", principled.relight, width, &mitsuba_principled(name, &principled.model, Place::Scene, &fit_note(principled.relight))))
-        (block("blender", "Blender 4, Principled BSDF (script)", layered.relight, "alpha = Roughness²", &blender_script(name, &layered.model, &fit_note(layered.relight))))
+        (block("blender", "Blender 4, Principled BSDF (script)", blender.relight, "alpha = Roughness²", &blender_script(name, &blender.model, &fit_note(blender.relight))))
         (block("materialx", "MaterialX, OpenPBR", layered.relight, "alpha = specular_roughness²", &materialx(name, &layered.model, &fit_note(layered.relight))))
         (block("gltf", "glTF 2.0, metallic-roughness", metallic_roughness.relight, "alpha = roughnessFactor²", &gltf))
     }

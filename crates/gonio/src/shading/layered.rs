@@ -8,8 +8,7 @@ use super::microfacet::{COAT_F0, COAT_IOR, f0_of, fresnel_dielectric, schlick_we
 use super::{MetallicRoughness, Parameter, Shading};
 use crate::reflectance::parametric::{Facet, lobe};
 
-/// Base, specular layer and coat of OpenPBR, which Blender's Principled (4.0 and later) also
-/// follows.
+/// Base, specular layer and coat of OpenPBR.
 ///
 /// The base is a mixture of a metal and of a Lambertian body under a dielectric. The body receives
 /// only the light that the dielectric does not reflect. Both are GGX with `alpha = roughness^2`,
@@ -59,10 +58,65 @@ impl Shading for Layered {
     }
 
     fn evaluator(&self) -> impl Fn(DVec3, DVec3) -> DVec3 + Sync {
+        self.evaluator_with(DielectricTint::WholeReflection)
+    }
+}
+
+/// The part of a dielectric's reflection that [`Layered::specular_color`] multiplies.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum DielectricTint {
+    /// The reflection at all angles, as in OpenPBR.
+    WholeReflection,
+    /// The reflection at normal incidence; it is white at grazing angles, as in Cycles.
+    NormalIncidence,
+}
+
+/// Blender's Principled BSDF (4.0 and later): [`Layered`] with another tint.
+///
+/// The factor of the dielectric's reflection applies at normal incidence. Towards grazing angles,
+/// the reflection becomes white, in proportion to the increase of the Fresnel reflectance.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct BlenderPrincipled(pub Layered);
+
+impl Shading for BlenderPrincipled {
+    const PARAMETERS: &'static [Parameter] = Layered::PARAMETERS;
+
+    const OPTIONAL: &'static [&'static [(usize, f64)]] = Layered::OPTIONAL;
+
+    const ROUGHNESS_AND_COAT: Option<(usize, usize)> = Layered::ROUGHNESS_AND_COAT;
+
+    fn of(parameters: &[f64]) -> Self {
+        Self(Layered::of(parameters))
+    }
+
+    fn starts(body: DVec3, highlight: DVec3) -> Vec<Vec<f64>> {
+        Layered::starts(body, highlight)
+    }
+
+    fn eval(&self, wi: DVec3, wo: DVec3) -> DVec3 {
+        self.evaluator()(wi, wo)
+    }
+
+    fn evaluator(&self) -> impl Fn(DVec3, DVec3) -> DVec3 + Sync {
+        self.0.evaluator_with(DielectricTint::NormalIncidence)
+    }
+}
+
+impl Layered {
+    fn evaluator_with(&self, tint: DielectricTint) -> impl Fn(DVec3, DVec3) -> DVec3 + Sync {
         let albedo = Albedo::table().of_roughness(self.roughness);
         let coat_albedo = Albedo::table().of_roughness(self.coat_roughness);
         let (alpha, coat_alpha) = (self.roughness.powi(2), self.coat_roughness.powi(2));
         let f0 = f0_of(self.ior);
+        // Reflectance of the dielectric at normal incidence, factor of its whole reflection, and
+        // decrease of its reflection at normal incidence.
+        let (normal, factor, decrease) = match tint {
+            DielectricTint::WholeReflection => (DVec3::splat(f0), self.specular_color, DVec3::ZERO),
+            DielectricTint::NormalIncidence => {
+                (f0 * self.specular_color, DVec3::ONE, f0 * (DVec3::ONE - self.specular_color))
+            }
+        };
         move |wi, wo| {
             let Some(facet) = Facet::new(wi, wo) else { return DVec3::ZERO };
             let base_lobe = lobe(&facet, alpha * alpha);
@@ -71,9 +125,14 @@ impl Shading for Layered {
             // reflected in later bounces, multiplied by the colour once more.
             let at_once = at_zero + at_grazing;
             let later = (1.0 - at_once) / at_once;
-            let reflected = (f0 * at_zero + at_grazing).min(1.0) * (1.0 + f0 * later);
+            let normal_max = normal.max_element();
+            let reflected = (normal_max * at_zero + at_grazing).min(1.0) * (1.0 + normal_max * later);
+            let real = fresnel_dielectric(facet.cos_d, self.ior);
+            // Zero at normal incidence, one at grazing angles.
+            let share = if f0 < 1.0 { ((real - f0) / (1.0 - f0)).max(0.0) } else { 0.0 };
+            let tinted = DVec3::splat(real) - decrease * (1.0 - share);
             let dielectric = self.base_color * (FRAC_1_PI * (1.0 - reflected).max(0.0))
-                + self.specular_color * (fresnel_dielectric(facet.cos_d, self.ior) * base_lobe * (1.0 + f0 * later));
+                + factor * tinted * base_lobe * (DVec3::ONE + normal * later);
             let fresnel = f82(self.base_color, self.specular_color, facet.cos_d);
             let metal = fresnel * base_lobe * (DVec3::ONE + self.base_color * later);
             let base = dielectric.lerp(metal, self.metalness);
@@ -214,6 +273,32 @@ mod tests {
         assert_eq!(f82(f0, tint, 1.0), f0);
         assert!((f82(f0, tint, 1.0 / 7.0) - tint * white(1.0 / 7.0)).length() < 1e-12);
         assert!((white(0.0) - DVec3::ONE).length() < 1e-12);
+    }
+
+    #[test]
+    fn the_tint_of_blender_fades_towards_grazing_angles() {
+        // A lobe without body or coat: the ratio to the white one is the tint.
+        let model = |tint: f64| {
+            let parameters = [0.0, 0.0, 0.0, 0.0, 0.5, 1.5, tint, tint, tint, 0.0, 0.02];
+            (Layered::of(&parameters), BlenderPrincipled::of(&parameters))
+        };
+        let ((white, white_blender), (tinted, tinted_blender)) = (model(1.0), model(0.2));
+        let pair = |degrees: f64| {
+            let (sin, cos) = degrees.to_radians().sin_cos();
+            (DVec3::new(sin, 0.0, cos), DVec3::new(-sin, 0.0, cos))
+        };
+        for degrees in [1.0, 50.0, 88.0] {
+            let (wi, wo) = pair(degrees);
+            assert_eq!(white.eval(wi, wo), white_blender.eval(wi, wo));
+            let real = fresnel_dielectric(wi.z, 1.5);
+            let expected = (real - 0.8 * 0.04 * (1.0 - real) / 0.96) / real;
+            for (got, expected) in [
+                (tinted.eval(wi, wo).x / white.eval(wi, wo).x, 0.2),
+                (tinted_blender.eval(wi, wo).x / white_blender.eval(wi, wo).x, expected),
+            ] {
+                assert!((got / expected - 1.0).abs() < 0.02, "{degrees}: {got}, expected {expected}");
+            }
+        }
     }
 
     #[test]

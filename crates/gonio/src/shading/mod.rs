@@ -4,7 +4,8 @@
 //! |---|---|---|
 //! | [`Principled`] | Mitsuba 3 `principled` | `alpha = roughness^2` |
 //! | [`MetallicRoughness`] | glTF 2.0 | `alpha = roughness^2` |
-//! | [`Layered`] | OpenPBR, MaterialX, Blender's Principled | `alpha = roughness^2` |
+//! | [`Layered`] | OpenPBR, MaterialX | `alpha = roughness^2` |
+//! | [`BlenderPrincipled`] | Blender's Principled BSDF | `alpha = roughness^2` |
 //! | [`ColourCookTorrance`] | classic | `m = roughness`, not squared |
 //! | [`ColourWard`] | classic | `alpha = roughness`, not squared |
 //!
@@ -20,7 +21,7 @@ mod principled;
 
 pub use classic::{ColourCookTorrance, ColourWard};
 pub use fit::{Fitted, Fitter};
-pub use layered::Layered;
+pub use layered::{BlenderPrincipled, Layered};
 pub use metallic_roughness::MetallicRoughness;
 pub use microfacet::COAT_IOR;
 pub(crate) use microfacet::fresnel_dielectric;

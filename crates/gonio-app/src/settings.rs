@@ -80,7 +80,7 @@ impl Method {
         match self {
             Self::Learnt => "learnt",
             Self::Paper(PaperSettings { method: PaperMethod::Variational, .. }) => "variational",
-            Self::Paper(PaperSettings { method: PaperMethod::JointMap, .. }) => "map",
+            Self::Paper(PaperSettings { method: PaperMethod::JointMap, .. }) => "joint-map",
             Self::KnownLight(_) => "known-light",
             Self::KnownLightBasis(..) => "known-light-basis",
         }

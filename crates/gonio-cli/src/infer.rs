@@ -92,7 +92,7 @@ pub(crate) struct InferOptions {
     paper: bool,
     /// Number of random starts of the paper's methods [default: 4]
     ///
-    /// Applies to --method variational, map and known-light-basis, and to --paper.
+    /// Applies to --method variational, joint-map and known-light-basis, and to --paper.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1000), help_heading = METHOD)]
     starts: Option<u32>,
     /// Seed of the random starts [default: 1]
@@ -101,7 +101,7 @@ pub(crate) struct InferOptions {
     /// Solver of --method variational [default: blocks]
     #[arg(long, value_enum, help_heading = METHOD)]
     solver: Option<SolverName>,
-    /// Run --method variational or map on all observations
+    /// Run --method variational or joint-map on all observations
     ///
     /// By default, gonio projects the observations to fewer values, which saves time and memory.
     #[arg(long, help_heading = METHOD)]
@@ -177,7 +177,8 @@ enum MethodName {
     /// Separable posterior of light and reflectance (Algorithm 1 of the paper)
     Variational,
     /// Joint MAP estimate of light and reflectance; inaccurate, for comparison with the paper
-    Map,
+    #[value(alias = "map")]
+    JointMap,
     /// Posterior of the material under the light of --light or --mirror-ball
     KnownLight,
     /// Coefficients of ten basis functions under the light of --light, as in the paper
@@ -276,7 +277,7 @@ impl InferOptions {
             }
             (MethodName::Learnt, None) => Method::Learnt,
             (MethodName::Variational, None) => Method::Paper(search),
-            (MethodName::Map, None) => Method::Paper(PaperSettings { method: PaperMethod::JointMap, ..search }),
+            (MethodName::JointMap, None) => Method::Paper(PaperSettings { method: PaperMethod::JointMap, ..search }),
         };
         self.refuse_unused(name)?;
         Ok(method)
@@ -285,15 +286,15 @@ impl InferOptions {
     /// Rejects options that the method does not use.
     fn refuse_unused(&self, method: MethodName) -> Result<()> {
         use MethodName as M;
-        let searches: &[M] = &[M::Variational, M::Map, M::KnownLightBasis];
-        let blind: &[M] = &[M::Learnt, M::Variational, M::Map];
+        let searches: &[M] = &[M::Variational, M::JointMap, M::KnownLightBasis];
+        let blind: &[M] = &[M::Learnt, M::Variational, M::JointMap];
         for (given, option, of) in [
             (self.absolute, "--absolute", &[M::KnownLight][..]),
             (self.align_light.is_some(), "--align-light", &[M::KnownLight]),
             (self.solver.is_some(), "--solver", &[M::Variational]),
             (self.starts.is_some(), "--starts", searches),
             (self.seed.is_some(), "--seed", searches),
-            (self.full_rows, "--full-rows", &[M::Variational, M::Map]),
+            (self.full_rows, "--full-rows", &[M::Variational, M::JointMap]),
             // Every method computes shadows on the grid.
             (self.grid.is_some() && !self.scene.has_shadows(), "--grid", blind),
         ] {

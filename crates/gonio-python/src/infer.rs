@@ -57,7 +57,7 @@ impl InferSettings<'_> {
     fn method(&self) -> PyResult<Result<Method, AppError>> {
         let solver = if self.solver == "printed" { Solver::Printed } else { Solver::Blocks };
         let search = PaperSettings {
-            method: if self.method == "map" { PaperMethod::JointMap } else { PaperMethod::Variational },
+            method: if self.method == "joint-map" { PaperMethod::JointMap } else { PaperMethod::Variational },
             solver,
             starts: self.starts,
             seed: self.seed,
@@ -99,7 +99,7 @@ impl InferSettings<'_> {
             })),
             ("known-light-basis", Some(map)) => Ok(Method::KnownLightBasis(search, map)),
             ("learnt", _) => Ok(Method::Learnt),
-            ("variational" | "paper" | "map", _) => Ok(Method::Paper(search)),
+            ("variational" | "paper" | "joint-map", _) => Ok(Method::Paper(search)),
             (other, _) => Err(AppError::new(format!("method {other:?}: unknown method, or its light is missing"))),
         })
     }

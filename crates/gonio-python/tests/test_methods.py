@@ -17,13 +17,13 @@ from conftest import small_ball
 QUICK = {"grid": 8, "pictures": False}
 
 
-@pytest.mark.parametrize("method", ["variational", "map"])
+@pytest.mark.parametrize("method", ["variational", "joint-map"])
 def test_methods_of_the_paper_estimate_coefficients(small, method, tmp_path):
     found = gonio.infer(small, method=method, starts=1, seed=3, grid=8)
     assert isinstance(found, gonio.BasisPosterior) and found.method == method
     assert found.result["settings"]["seed"] == 3 and found.result["settings"]["starts"] == 1
     assert found.coefficients.shape == (10,) and found.brdf.albedo == pytest.approx(0.5, abs=1e-3)
-    assert (found.coefficients_sd is None) == (method == "map") and 0 < found.noise < 1
+    assert (found.coefficients_sd is None) == (method == "joint-map") and 0 < found.noise < 1
     assert found.light.shape == (128, 256, 3) and "summary" in found.pictures and "<img" in found._repr_html_()
     found.save(tmp_path / "out")
     assert {path.name for path in (tmp_path / "out").iterdir()} >= {"brdf.npz", "light.exr", "result.json", "summary.png"}
@@ -74,16 +74,16 @@ def test_every_option_of_the_program_is_an_argument(command):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"method": "best"}, 'method "best": must be "learnt", "known-light", "variational", "map", "known-light-basis" or "paper"'),
+        ({"method": "best"}, 'method "best": must be "learnt", "known-light", "variational", "joint-map", "known-light-basis" or "paper"'),
         ({"method": "known-light"}, 'method="known-light" requires a known light; specify it with light='),
-        ({"method": "map", "light": np.ones((8, 16))}, 'light is for method="known-light" and'),
-        ({"starts": 2}, 'starts is for method="variational", "map", "known-light-basis", "paper"; method "learnt" does not use it'),
-        ({"method": "map", "solver": "blocks"}, 'solver is for method="variational"; method "map" does not use it'),
+        ({"method": "joint-map", "light": np.ones((8, 16))}, 'light is for method="known-light" and'),
+        ({"starts": 2}, 'starts is for method="variational", "joint-map", "known-light-basis", "paper"; method "learnt" does not use it'),
+        ({"method": "joint-map", "solver": "blocks"}, 'solver is for method="variational"; method "joint-map" does not use it'),
         ({"method": "variational", "solver": "quick"}, 'solver "quick": must be "blocks" or "printed"'),
         ({"method": "paper", "grid": 8}, 'grid is for method='),
         ({"method": "paper", "shape": "blob"}, 'method="paper" requires a sphere'),
         ({"align_light": "near"}, 'align_light is for method="known-light"'),
-        ({"mirror_ball": (1, 2, 3), "method": "map"}, 'mirror_ball is for method="known-light"'),
+        ({"mirror_ball": (1, 2, 3), "method": "joint-map"}, 'mirror_ball is for method="known-light"'),
         ({"mirror_ball": (1, 2, 3), "light": np.ones((8, 16))}, "mirror_ball and light both describe the light"),
         ({"mirror_ball": (1, 2, 3), "absolute": True}, "absolute is for light"),
         ({"mirror_ball": (1, 2, 0)}, "mirror_ball: must be three numbers"),

@@ -35,7 +35,7 @@ pub(crate) struct SceneOptions {
     /// By default, gonio detects this level if many pixels share the maximum value.
     #[arg(long, value_name = "VALUE")]
     clip: Option<f32>,
-    /// Mask of the object: an image that is white on the object and black elsewhere
+    /// Mask of the object: white on the object and black elsewhere
     ///
     /// Without a mask, gonio detects the object by the alpha channel, by a uniform background, or
     /// by the edges of a ball. gonio scales a mask of another size to the photograph.

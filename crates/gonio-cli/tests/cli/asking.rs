@@ -41,12 +41,15 @@ fn rejects_options_that_the_method_does_not_use() {
     bench.write("labels.png", b"");
     for (options, message) in [
         ("--solver blocks", "--solver is for --method variational; method learnt does not use it"),
-        ("--starts 2", "--starts is for --method variational, map, known-light-basis"),
+        ("--starts 2", "--starts is for --method variational, joint-map, known-light-basis"),
         ("--seed 2", "--seed is for"),
-        ("--full-rows", "--full-rows is for --method variational, map; method learnt"),
-        ("--method map --solver blocks", "--solver is for --method variational; method map does not use it"),
+        ("--full-rows", "--full-rows is for --method variational, joint-map; method learnt"),
+        (
+            "--method joint-map --solver blocks",
+            "--solver is for --method variational; method joint-map does not use it",
+        ),
         ("--light light.hdr --starts 2", "method known-light does not use it"),
-        ("--light light.hdr --grid 16", "--grid is for --method learnt, variational, map; method known-light"),
+        ("--light light.hdr --grid 16", "--grid is for --method learnt, variational, joint-map; method known-light"),
         ("--light light.hdr --method known-light-basis --full-rows", "--full-rows is for"),
         ("--light light.hdr --method known-light-basis --absolute", "--absolute is for --method known-light"),
         ("--light light.hdr --method known-light-basis --align-light", "--align-light is for --method known-light"),
@@ -65,7 +68,7 @@ fn rejects_options_that_the_method_does_not_use() {
         // The range of the grid is the same for all methods.
         ("--grid 256", "grid 256: must be a power of two from 4 to 128"),
         ("--light light.hdr --normals normals.npy --grid 256", "grid 256: must be a power of two from 4 to 128"),
-        ("--method map --grid 256", "grid 256: must be a power of two from 4 to 128"),
+        ("--method joint-map --grid 256", "grid 256: must be a power of two from 4 to 128"),
     ] {
         bench.refuses(&format!("infer ball.exr -o out {options}"), &[message]);
     }

@@ -59,7 +59,9 @@ fn joint_map_writes_to_an_existing_folder() {
     std::fs::create_dir(bench.path("out")).unwrap();
     bench.write("out/result.json", b"old");
     bench.write("out/notes", b"kept");
-    bench.run_with_pictures("infer ball.exr -o out --starts 1 --grid 8 --method map --normals normals.npy").succeeds();
+    bench
+        .run_with_pictures("infer ball.exr -o out --starts 1 --grid 8 --method joint-map --normals normals.npy")
+        .succeeds();
     assert_eq!(bench.names("out").len(), OUTPUT.len() + 1);
     assert_eq!(bench.read("out/notes"), b"kept");
     assert_eq!(bench.json("out/result.json")["cost"]["name"], "minus log posterior");
@@ -112,7 +114,7 @@ fn warns_about_8_bit_images_unless_linear() {
 #[test]
 fn paper_conflicts_with_other_options() {
     let bench = Bench::with_ball();
-    for other in ["--method map", "--solver blocks", "--grid 16", "--normals normals.npy"] {
+    for other in ["--method joint-map", "--solver blocks", "--grid 16", "--normals normals.npy"] {
         bench.refuses(&format!("infer ball.exr -o out --paper {other}"), &["--paper", "cannot be used with"]);
     }
 }

@@ -210,7 +210,7 @@ fn infers_a_brdf_with_a_mirror_ball_in_the_photograph() {
         .run("infer both.exr --mirror-ball 900,94,80 -o wrong")
         .fails(&["both.exr: mirror ball: ", "check --mirror-ball"]);
     bench
-        .run("infer both.exr --mirror-ball 103,94,80 --method map -o wrong")
+        .run("infer both.exr --mirror-ball 103,94,80 --method joint-map -o wrong")
         .fails(&["--mirror-ball is for --method known-light"]);
     bench
         .run("infer both.exr --mirror-ball 103,94,80 --shape outline -o wrong")

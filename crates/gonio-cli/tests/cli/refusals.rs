@@ -160,7 +160,7 @@ fn rejects_invalid_lights_and_options() {
     bench.write("nan.exr", &grey(f32::NAN, 16, 8));
     for (options, message) in [
         ("--method known-light", "--light"),
-        ("--method map --light square.exr", "--light MAP is for --method known-light"),
+        ("--method joint-map --light square.exr", "--light MAP is for --method known-light"),
         ("--method known-light --light none.exr", "none.exr: cannot open"),
         ("--method known-light --light square.exr", "square.exr: a lat-long map must be twice as wide as high"),
         ("--method known-light --light wide.exr", "wide.exr: a lat-long map"),

@@ -72,7 +72,7 @@ fn rejects_invalid_labels() {
         bench.refuses(&format!("infer ball.exr -o out --materials {labels}"), &[message]);
     }
     bench.write("labels.png", &labels(SIZE, SIZE));
-    bench.refuses("infer ball.exr -o out --materials labels.png --method map", &["several materials"]);
+    bench.refuses("infer ball.exr -o out --materials labels.png --method joint-map", &["several materials"]);
 }
 
 #[test]

@@ -81,7 +81,7 @@ fn the_report_contains_materials_and_warnings() {
     let data = sphere(page);
     assert_eq!(names(&data["materials"]).len(), 3);
     assert_eq!(names(&data["lights"]), ["studio", "clear sky", "lamps at night", "estimated light"]);
-    for material in result["posterior"]["materials"].as_array().unwrap() {
+    for material in result["posterior"]["materials"].as_array().unwrap().iter().take(4) {
         assert!(page.contains(material["name"].as_str().unwrap()));
     }
     for warning in result["warnings"].as_array().unwrap() {

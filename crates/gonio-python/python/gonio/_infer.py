@@ -20,10 +20,10 @@ from ._types import PosteriorData, GivenScene, Settings
 if TYPE_CHECKING:
     from typing_extensions import Unpack
 
-METHODS = ("learnt", "known-light", "variational", "map", "known-light-basis", "paper")
+METHODS = ("learnt", "known-light", "variational", "joint-map", "known-light-basis", "paper")
 """Estimation methods."""
 
-IN_BASIS = ("variational", "map", "known-light-basis", "paper")
+IN_BASIS = ("variational", "joint-map", "known-light-basis", "paper")
 """Methods of the paper, which estimate basis coefficients."""
 
 
@@ -121,7 +121,7 @@ def infer(
     image: Photograph,
     shape: Shape = ...,
     *,
-    method: Literal["variational", "map", "known-light-basis", "paper"],
+    method: Literal["variational", "joint-map", "known-light-basis", "paper"],
     **options: Unpack[Options],
 ) -> BasisPosterior: ...
 def infer(
@@ -287,7 +287,7 @@ def infer(
         Model self-shadowing.
     method : str, optional
         ``"learnt"`` (default), ``"known-light"`` (default with ``light``), or a method of the paper,
-        which returns a :class:`BasisPosterior`: ``"variational"`` (Algorithm 1), ``"map"`` (joint MAP
+        which returns a :class:`BasisPosterior`: ``"variational"`` (Algorithm 1), ``"joint-map"`` (joint MAP
         estimate), ``"known-light-basis"``, or ``"paper"`` (the paper's setup for a sphere).
     grid : int, optional
         Texels along a side of the light grid, a power of two; 32 by default.
@@ -296,7 +296,7 @@ def infer(
     solver : {"blocks", "printed"}, optional
         Solver of ``method="variational"``.
     full_rows : bool, default False
-        Run ``"variational"`` or ``"map"`` on all observations instead of their projection.
+        Run ``"variational"`` or ``"joint-map"`` on all observations instead of their projection.
     color : {"estimate", "median", "none"}, default "estimate"
         Colour of the BRDF. ``"estimate"``: estimated chroma for every pair of angles; a light of
         unknown colour counts as neutral. ``"median"``: the median colour of the photograph, as in
@@ -448,14 +448,14 @@ def method_of(options: dict[str, Any]) -> str:
 
 def refuse_unused(options: dict[str, Any], method: str, has_shadows: bool) -> None:
     """Rejects arguments that a method does not use."""
-    blind = ("learnt", "variational", "map")
+    blind = ("learnt", "variational", "joint-map")
     uses: list[tuple[str, bool, tuple[str, ...]]] = [
         ("absolute", bool(options["absolute"]), ("known-light",)),
         ("align_light", options["align_light"] is not None, ("known-light",)),
         ("solver", options["solver"] is not None, ("variational",)),
         ("starts", options["starts"] is not None, IN_BASIS),
         ("seed", options["seed"] is not None, IN_BASIS),
-        ("full_rows", bool(options["full_rows"]), ("variational", "map")),
+        ("full_rows", bool(options["full_rows"]), ("variational", "joint-map")),
         ("grid", options["grid"] is not None and not has_shadows, blind),
         ("model", options["model"] is not None, tuple(name for name in METHODS if name != "paper")),
     ]

@@ -193,7 +193,7 @@ class BasisPosterior(PhotographResult):
     Examples
     --------
     >>> ball = found.relight(size=32)
-    >>> found = gonio.infer(ball, method="map", starts=1, grid=8, pictures=False)
+    >>> found = gonio.infer(ball, method="joint-map", starts=1, grid=8, pictures=False)
     >>> found.coefficients.shape, found.coefficients_sd
     ((10,), None)
     """

@@ -172,8 +172,9 @@ impl Default for PosteriorSettings {
 
 /// Trains the prior of light.
 ///
-/// # Errors If there are no environment maps, one cannot be read or is not an environment map, or
-/// they have no structure.
+/// # Errors
+/// If there are no environment maps, one cannot be read or is not an environment map, or they have
+/// no structure.
 pub fn lighting(
     lights: &Lights,
     settings: &LightingSettings,

@@ -41,8 +41,8 @@ pub struct Posterior {
     /// first.
     #[serde(default)]
     pub materials: Vec<SimilarMaterial>,
-    /// Share of the BRDF's cells (both angles below 80 degrees) whose 90 % interval is wider than
-    /// 60 % of the prior's.
+    /// Share of the BRDF's cells (both angles below 80 degrees) whose 90 % interval, without
+    /// the error of the model, is wider than 60 % of the prior's.
     pub undetermined: f64,
     /// Share of the cells with a wide 90 % interval.
     pub wide: WideCells,
@@ -122,7 +122,7 @@ pub struct PeakToBody {
 pub struct SimilarMaterial {
     /// Name of the material.
     pub name: String,
-    /// Its share of the posterior, 0..=1.
+    /// Its weight, 0..=1; the weights of all measured materials sum to one.
     pub weight: f64,
 }
 

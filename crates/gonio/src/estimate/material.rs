@@ -46,7 +46,7 @@ pub struct Material {
     /// The same quantiles of other measures: width of a GGX lobe, gloss units.
     pub highlight: Highlight,
     /// Share of the photograph's features outside their range in the training data
-    /// ([`Reading::out_of_distribution`](crate::inference::learnt::EncoderOutput::out_of_distribution)).
+    /// ([`EncoderOutput::out_of_distribution`](crate::inference::learnt::EncoderOutput::out_of_distribution)).
     pub out_of_distribution: f64,
     /// Standard deviation of pixels that share a normal, relative to their mean
     /// ([`DiskImage::scatter`](crate::appearance::DiskImage::scatter)).

@@ -9,7 +9,8 @@
 //!
 //! [`Orientation`] checks the channels of a normal map and suggests a [`Correction`].
 //!
-//! The camera is orthographic and looks along -z: the direction to the camera is +z at every point.
+//! Without a camera, the view is orthographic along -z: the direction to the camera is +z at every
+//! point.
 //! Pictures have x to the right and y down, with the centre of the first pixel at (0.5, 0.5);
 //! normals have y up.
 //!

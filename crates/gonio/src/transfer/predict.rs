@@ -18,7 +18,7 @@ pub struct Prediction {
     ///
     /// The normal is relative to the view; the sphere is viewed from `+z` in the same light.
     pub on_sphere: f64,
-    /// Fraction of `seen` that comes through partly open texels, in 0..=1.
+    /// Fraction of `shadowed` that comes through partly open texels, in 0..=1.
     ///
     /// Near one, the edge of a shadow lies on the point, and the luminance depends on where within
     /// a texel the light comes from.

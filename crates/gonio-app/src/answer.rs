@@ -303,7 +303,9 @@ pub(crate) fn solve(
             })
         }
         (method, known_light) => {
-            let Some(paper) = method.paper() else { return Err(AppError::new("this method requires a known light")) };
+            let Some(paper) = method.paper() else {
+                return Err(AppError::new("this method requires a known light; specify one, or use another method"));
+            };
             let how = (settings, &PaperSettings { side: settings.side, ..paper.clone() });
             let found = paper::infer((model, image), how, known_light.as_ref(), observations, warnings, progress_log)?;
             let colouring = Colouring::of(model, observations, &found.table, rule);

@@ -94,7 +94,7 @@ pub fn combine(
     progress_log: &ProgressLog<'_>,
 ) -> Result<CombinedResult, AppError> {
     let learnt = model.learnt.as_ref().ok_or_else(|| AppError::of(model_name, "has no posterior of materials"))?;
-    let other = "was inferred with another model; combine results of one model, and specify that model";
+    let other = "was inferred with another model; combine only results of one model, and specify this model";
     if let Some((name, _)) = given.iter().find(|(_, saved)| saved.model != learnt.id()) {
         return Err(AppError::of(name, other));
     }

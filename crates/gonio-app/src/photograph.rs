@@ -112,7 +112,9 @@ impl PhotographSource {
         warnings: &mut Vec<Warning>,
     ) -> Result<Photograph, AppError> {
         if let Some(clip) = clip.filter(|clip| clip.is_nan() || *clip <= 0.0) {
-            return Err(AppError::new(format!("clip {clip}: must be a positive radiance")));
+            return Err(AppError::new(format!(
+                "clip {clip}: is not a positive radiance; specify the radiance at which the camera clips"
+            )));
         }
         let paths = match self {
             Self::Memory(picture) => {
@@ -306,7 +308,7 @@ pub fn merge_files(
     check_black(black, max.into())?;
     let linear = curve == Some(Curve::Linear) || (bracket.linear && curve.is_none());
     if reading.black_level.is_some() && !linear {
-        let problem = "applies only to linear exposures; set the option for linear values, or no black level";
+        let problem = "applies only to linear exposures; use linear exposures, or specify no black level";
         return Err(AppError::of(format!("black level {black}"), problem));
     }
     let given = match from_file {

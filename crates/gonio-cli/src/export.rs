@@ -165,7 +165,7 @@ pub(crate) fn run(options: &ExportOptions) -> Result<Outcome> {
     let output = output.display().to_string();
     let albedo = match summary.albedo_source.as_str() {
         "fit" => format!(
-            "albedo at normal incidence {:.2}: the photograph does not determine it, and the fitted models fit best at this one (--albedo sets another)\n",
+            "albedo at normal incidence {:.2}: the photograph does not determine it; gonio chose the albedo with the smallest error of the fitted models (change it with --albedo)\n",
             summary.albedo
         ),
         _ => String::new(),

@@ -51,7 +51,7 @@ pub(crate) struct InferOptions {
     /// Without it, gonio assumes a grey ball and scales the BRDF to an albedo of 0.5.
     #[arg(long, value_name = "R|R,G,B", value_parser = parse_reflectance, requires = "mirror_ball", help_heading = LIGHT)]
     mirror_reflectance: Option<Reflectance>,
-    /// Rotations of the environment map to search [default: near; for the option without a value:
+    /// Rotations of the environment map to search [default: near; --align-light without a value:
     /// around]
     #[arg(long, value_enum, value_name = "HOW", requires = "light", num_args = 0..=1, default_missing_value = "around",
           help_heading = LIGHT)]
@@ -160,7 +160,7 @@ To check the detection of the object first, use gonio check. For many photograph
 /// Ways to colour the BRDF.
 #[derive(Clone, Copy, Debug, PartialEq, clap::ValueEnum)]
 enum ColourName {
-    /// Estimated chroma for every pair of angles; a light of unknown colour counts as neutral
+    /// Estimated chroma for every pair of angles; gonio assumes that an unknown light is neutral
     Estimate,
     /// The median colour of the photograph, which includes the light's colour; as in the paper
     Median,

@@ -151,8 +151,8 @@ pub(crate) fn run(options: &LightOptions) -> Result<Outcome> {
         String::new()
     };
     let text = format!(
-        "{}: environment map of {}x{} pixels from a ball with a radius of {:.0} pixels and reflectance {}; {:.1} % of all \
-         directions are not visible in the ball, and gonio interpolated them{second}; see {}",
+        "{}: environment map of {}x{} pixels from a ball with a radius of {:.0} pixels and reflectance {}; gonio \
+         interpolated {:.1} % of all directions, which the ball does not show{second}; see {}",
         output.display(),
         probe.light.width(),
         probe.light.height(),

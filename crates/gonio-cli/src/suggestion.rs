@@ -25,13 +25,13 @@ pub(crate) fn words(suggestion: &Suggestion) -> Option<String> {
         Suggestion::Force => "use --force to estimate anyway",
         Suggestion::Linear => "use --linear if the values are linear radiance",
         Suggestion::Layer => "select another layer with --layer NAME",
-        Suggestion::DepthRange => "--depth-range NEAR,FAR specifies the range",
+        Suggestion::DepthRange => "specify the range with --depth-range NEAR,FAR",
         Suggestion::ChartCorners => {
             "specify the centres of its corner patches (dark skin, bluish green, black, white) with --color-checker X,Y,X,Y,X,Y,X,Y"
         }
         Suggestion::ClipLevel => "if they are not clipped, specify the clip level with --clip VALUE",
         Suggestion::ReferenceColourOnly => "use only its colour with --reference-color-only",
-        Suggestion::Times => "--times 1/30,1/8,... specifies them",
+        Suggestion::Times => "specify them with --times 1/30,1/8,...",
         Suggestion::TrustTimes => "use --trust-times to merge anyway and ignore inconsistent pixels",
         Suggestion::Response => "specify the response curve with --response srgb, linear or FILE.csv",
         Suggestion::Separately => "pass one photograph at a time, or use `gonio batch IMAGE... -o DIR` for several",

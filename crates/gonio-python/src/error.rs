@@ -43,13 +43,13 @@ pub(crate) fn words(suggestion: &Suggestion) -> Option<String> {
         Suggestion::Linear => "use linear=True if the values are linear radiance",
         Suggestion::Layer => "select another layer with layer=NAME",
         Suggestion::Separately => "pass one photograph at a time, or use infer_many for several",
-        Suggestion::DepthRange => "depth_range=(near, far) specifies the range",
+        Suggestion::DepthRange => "specify the range with depth_range=(near, far)",
         Suggestion::ChartCorners => {
             "specify the centres of its corner patches (dark skin, bluish green, black, white) with color_checker=[(x, y), ...]"
         }
         Suggestion::ClipLevel => "if they are not clipped, specify the clip level with clip=",
         Suggestion::ReferenceColourOnly => "use only its colour with reference_color_only=True",
-        Suggestion::Times => "times=[...] specifies them",
+        Suggestion::Times => "specify them with times=[...]",
         Suggestion::TrustTimes => "use trust_times=True to merge anyway and ignore inconsistent pixels",
         Suggestion::Response => "specify the response curve with response=",
         Suggestion::Turn => "specify the angle with second_yaw=DEGREES",

@@ -157,7 +157,7 @@ def test_shifted_exposures_are_aligned(exposures, tmp_path):
         ({"times": [1, -2, 3]}, "times: must be the exposure time of each file in seconds, all above zero"),
         ({"times": [1, 4, 16], "response": "linear", "black_level": 1e6}, "black level 1000000"),
         ({"times": [1, 4, 16], "response": "linear", "linear": True}, "linear=True and response"),
-        ({}, r"times=\[\.\.\.\] specifies them"),
+        ({}, r"specify them with times=\[\.\.\.\]"),
     ],
 )
 def test_rejects_inconsistent_exposures(exposures, options, message):

@@ -96,7 +96,7 @@ mod tests {
     #[test]
     fn errors_of_invalid_responses_name_the_line() {
         for (text, message) in [
-            ("", "has another number of codes than the others"),
+            ("", "does not have 2 to 65536 codes"),
             ("0,1\n1,0", "falls"),
             ("0,1\n1,1", "is flat"),
             ("0,nan\n1,1", "not log exposures"),

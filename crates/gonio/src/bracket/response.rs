@@ -49,8 +49,11 @@ impl Response {
         let length = channels[0].len();
         for (i, curve) in channels.iter().enumerate() {
             let wrong = |problem| Err(BracketError::Curve { channel: i + 1, problem });
-            if !(2..=1 << 16).contains(&curve.len()) || curve.len() != length {
-                return wrong("has another number of codes than the others, or fewer than 2 or more than 65536");
+            if curve.len() != length {
+                return wrong("does not have as many codes as the first channel");
+            }
+            if !(2..=1 << 16).contains(&length) {
+                return wrong("does not have 2 to 65536 codes");
             }
             // Later arithmetic overflows beyond e^80.
             if curve.iter().any(|g| g.is_nan() || g.abs() > 80.0) {

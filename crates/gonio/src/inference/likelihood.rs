@@ -78,7 +78,7 @@ pub enum ProductError {
         ratio: f64,
     },
     /// A likelihood contains invalid numbers.
-    #[error("contains damaged numbers")]
+    #[error("contains invalid numbers; run the inference again")]
     Damaged,
 }
 

@@ -238,9 +238,9 @@ pub fn observations(detection: &Detection, origin: &ShapeOrigin, shadowed: bool)
 fn shape(detection: &Detection, origin: &ShapeOrigin) -> Shape {
     let camera = detection.placed.as_ref().map(|placed| &placed.camera);
     let projection = camera.map(|camera| camera.projection.into());
-    let normals = |soundness: Option<&MeshDefects>| Shape::Normals {
+    let normals = |defects: Option<&MeshDefects>| Shape::Normals {
         geometry: origin.geometry.clone(),
-        soundness: soundness.map(Into::into),
+        defects: defects.map(Into::into),
         projection,
         refined: detection.estimated_normals.then(|| detection.is_refined()),
     };
@@ -249,11 +249,11 @@ fn shape(detection: &Detection, origin: &ShapeOrigin) -> Shape {
         DetectedShape::Ball(centre) => Shape::Ball { centre: centre.to_array(), projection },
         DetectedShape::Ellipse(ellipse, depth) => Shape::Ellipsoid { ellipse: ellipse.into(), depth_axis: *depth },
         DetectedShape::Outline(depth) => Shape::Outline { depth_factor: *depth, refined: detection.is_refined() },
-        DetectedShape::Normals(soundness) => normals(soundness.as_ref()),
+        DetectedShape::Normals(defects) => normals(defects.as_ref()),
         DetectedShape::Surface => match (&origin.mesh, camera) {
-            (Some((name, soundness)), Some(camera)) => Shape::Mesh {
+            (Some((name, defects)), Some(camera)) => Shape::Mesh {
                 mesh: name.clone(),
-                soundness: soundness.into(),
+                defects: defects.into(),
                 projection: camera.projection.into(),
                 principal_point: [camera.principal.0, camera.principal.1],
                 camera_to_world: camera.to_world.transpose().to_cols_array_2d(),

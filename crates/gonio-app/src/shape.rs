@@ -266,13 +266,13 @@ fn pose_mesh(
     warnings: &mut Vec<Warning>,
 ) -> Result<(PosedSurface, (String, MeshDefects)), AppError> {
     let name = source.name("the mesh");
-    let (mesh, soundness) = match source {
+    let (mesh, defects) = match source {
         Source::Memory(parts) => Mesh::new(parts).map_err(|error| AppError::of(&name, error))?,
         Source::File(path) => gonio_io::mesh::read_shape(&path)?,
     };
     // Warnings about a mesh in memory already start with its name.
     let complaint = |odd: String| if odd.starts_with(&name) { odd } else { format!("{name}: {odd}") };
-    warnings.extend(soundness.describe().map(complaint).map(Warning::from));
+    warnings.extend(defects.describe().map(complaint).map(Warning::from));
     let mesh = match pose {
         None => mesh,
         Some(pose) => {
@@ -292,5 +292,5 @@ fn pose_mesh(
             _ => problem,
         }
     })?;
-    Ok((placed, (name, soundness)))
+    Ok((placed, (name, defects)))
 }

@@ -52,7 +52,7 @@ pub(crate) struct ExportOptions {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=500))]
     draws: Option<u32>,
     /// Model file with which the results were inferred [default: the embedded model]
-    #[arg(long, value_name = "MODEL")]
+    #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
     #[command(flatten)]
     space: OutputSpace,

@@ -61,8 +61,8 @@ pub(crate) struct LightOptions {
     /// Positive angles are counterclockwise as seen from above: the second camera is to the right
     /// of the first. By default, gonio estimates the angle at which both environment maps agree
     /// best.
-    #[arg(long, value_name = "DEGREES", requires = "second", allow_negative_numbers = true)]
-    second_yaw: Option<f64>,
+    #[arg(long, alias = "second-yaw", value_name = "DEGREES", requires = "second", allow_negative_numbers = true)]
+    second_azimuth: Option<f64>,
     /// Mask of the ball in the second photograph
     #[arg(long, value_name = "FILE", requires = "second")]
     second_mask: Option<PathBuf>,
@@ -115,7 +115,7 @@ impl LightOptions {
         let second = || self.scene(&self.second, self.second_mask.as_ref(), self.second_circle);
         Ok(ProbePhotographs {
             first: self.scene(&self.images, self.mask.as_ref(), self.circle)?,
-            second: if self.second.is_empty() { None } else { Some((second()?, self.second_yaw)) },
+            second: if self.second.is_empty() { None } else { Some((second()?, self.second_azimuth)) },
             reflectance: self.reflectance.0,
             rows: self.rows,
         })

@@ -41,7 +41,7 @@ pub(crate) struct RenderOptions {
     #[arg(long, default_value_t = 0, requires = "draws")]
     seed: u64,
     /// Model file with which the results were inferred, with --draws [default: the embedded model]
-    #[arg(long, value_name = "MODEL", requires = "draws")]
+    #[arg(long, value_name = "FILE", requires = "draws")]
     model: Option<PathBuf>,
     /// Lat-long environment map in camera coordinates: HDR, EXR or PFM
     ///

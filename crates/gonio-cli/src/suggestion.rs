@@ -20,7 +20,7 @@ pub(crate) fn words(suggestion: &Suggestion) -> Option<String> {
         Suggestion::NormalAxes(corrections) => return axes(corrections),
         Suggestion::OneOf(circles) => return one_of(circles),
         Suggestion::TrustNormals => "skip this check with --trust-normals",
-        Suggestion::KeepColours => "to use them, specify --keep-colors",
+        Suggestion::KeepColours => "to use all pixels, specify --keep-colors",
         Suggestion::AlignLight => "search for the rotation of the environment map with --align-light",
         Suggestion::Force => "use --force to estimate anyway",
         Suggestion::Linear => "use --linear if the values are linear radiance",
@@ -35,7 +35,7 @@ pub(crate) fn words(suggestion: &Suggestion) -> Option<String> {
         Suggestion::TrustTimes => "use --trust-times to merge anyway and ignore inconsistent pixels",
         Suggestion::Response => "specify the response curve with --response srgb, linear or FILE.csv",
         Suggestion::Separately => "pass one photograph at a time, or use `gonio batch IMAGE... -o DIR` for several",
-        Suggestion::Turn => "specify the angle with --second-yaw DEGREES",
+        Suggestion::SecondAzimuth => "specify the angle with --second-azimuth DEGREES",
         Suggestion::SecondOutline => "specify the outline of the ball with --second-circle X,Y,RADIUS",
         Suggestion::SecondMask => "specify a mask with --second-mask FILE",
         Suggestion::LearnPosterior => {

@@ -37,7 +37,7 @@ pub(crate) fn words(suggestion: &Suggestion) -> Option<String> {
             return (!listed.is_empty()).then(|| format!("select one with {}", listed.join(" or ")));
         }
         Suggestion::TrustNormals => "skip this check with trust_normals=True",
-        Suggestion::KeepColours => "to use them, specify keep_colors=True",
+        Suggestion::KeepColours => "to use all pixels, specify keep_colors=True",
         Suggestion::AlignLight => "search for the rotation of the environment map with align_light=\"around\"",
         Suggestion::Force => "use force=True to estimate anyway",
         Suggestion::Linear => "use linear=True if the values are linear radiance",
@@ -52,7 +52,7 @@ pub(crate) fn words(suggestion: &Suggestion) -> Option<String> {
         Suggestion::Times => "specify them with times=[...]",
         Suggestion::TrustTimes => "use trust_times=True to merge anyway and ignore inconsistent pixels",
         Suggestion::Response => "specify the response curve with response=",
-        Suggestion::Turn => "specify the angle with second_yaw=DEGREES",
+        Suggestion::SecondAzimuth => "specify the angle with second_azimuth=DEGREES",
         Suggestion::SecondOutline => "specify the outline of the ball with second_circle=(x, y, radius)",
         Suggestion::SecondMask => "specify a mask with second_mask=",
         Suggestion::LearnPosterior => {

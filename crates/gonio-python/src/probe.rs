@@ -15,7 +15,7 @@ use crate::work::{self, Listeners};
 pub(crate) struct ProbeSettings {
     reflectance: [f64; 3],
     rows: Option<usize>,
-    second_yaw: Option<f64>,
+    second_azimuth: Option<f64>,
 }
 
 /// Light, observed fraction of each texel, picture, notes and warnings. The light has the shape
@@ -33,8 +33,8 @@ pub(crate) fn light_probe<'py>(
     settings: ProbeSettings,
     listeners: Listeners,
 ) -> PyResult<Probe<'py>> {
-    let ProbeSettings { reflectance, rows, second_yaw } = settings;
-    let second = second.map(SceneArg::take).transpose()?.map(|scene| (scene, second_yaw));
+    let ProbeSettings { reflectance, rows, second_azimuth } = settings;
+    let second = second.map(SceneArg::take).transpose()?.map(|scene| (scene, second_azimuth));
     let mirror = ProbePhotographs { first: first.take()?, second, reflectance, rows };
     let found = work::run(py, listeners, move |reporter| {
         let listener = |stage, fraction| reporter.at(stage, fraction);

@@ -65,7 +65,7 @@ def test_two_views_are_merged():
     views = found.result["views"]
     assert views["azimuth_degrees"] == pytest.approx(70, abs=0.5) and views["estimated"] and found.result["unseen"] < 1e-6
     with pytest.warns(gonio.GonioWarning, match="the image and the second image: the two views differ"):
-        gonio.light_probe(photograph(), second=photograph(70.0), second_yaw=-80.0)
+        gonio.light_probe(photograph(), second=photograph(70.0), second_azimuth=-80.0)
 
 
 @pytest.mark.parametrize(
@@ -76,7 +76,7 @@ def test_two_views_are_merged():
         ({"reflectance": 1.5}, "invalid reflectance 1.5"),
         ({"reflectance": (1, 1)}, "reflectance: must be one number"),
         ({"circle": (1, 2, 0)}, "circle: must be three numbers"),
-        ({"second_yaw": 3.0}, "specify it with second="),
+        ({"second_azimuth": 3.0}, "specify it with second="),
         ({"mask": np.ones((3, 4))}, "the mask is 4x3 pixels, but the photograph is 160x160"),
         ({"second": np.random.default_rng(1).random((80, 80, 3))}, "the second image: .*; specify a mask with second_mask=, or specify the outline"),
         ({"clip": -1.0}, "clip -1.0"),

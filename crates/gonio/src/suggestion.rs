@@ -53,7 +53,7 @@ pub enum Suggestion {
     /// Specify the response curve of the camera.
     Response,
     /// Specify the angle between the cameras around the ball.
-    Turn,
+    SecondAzimuth,
     /// Specify the outline of the ball in the second photograph.
     SecondOutline,
     /// Specify a mask of the ball in the second photograph.

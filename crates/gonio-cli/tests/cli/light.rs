@@ -115,7 +115,7 @@ fn combines_two_views() {
     if let Ok(folder) = std::env::var("GONIO_LIGHT_PICTURES") {
         std::fs::copy(bench.path("probe.light.png"), format!("{folder}/two.png")).unwrap();
     }
-    let given = bench.run("light chrome.exr --second side.exr --second-yaw -45 -o wrong.exr").succeeds();
+    let given = bench.run("light chrome.exr --second side.exr --second-azimuth -45 -o wrong.exr").succeeds();
     assert!(given.stderr.contains("chrome.exr and side.exr: the two views differ by"), "{given:?}");
 }
 
@@ -270,12 +270,12 @@ fn rejects_invalid_input_without_output() {
         ("chrome.exr --camera none.json -o x.exr", &["none.json: cannot open"]),
         ("chrome.exr --reflectance 0 -o x.exr", &["--reflectance", "above 0"]),
         ("chrome.exr --rows 100 -o x.exr", &["100 rows: must be a power of two"]),
-        ("chrome.exr --second-yaw 90 -o x.exr", &["--second"]),
-        ("chrome.exr --second side.exr --second-yaw nan -o x.exr", &["a finite number of degrees"]),
+        ("chrome.exr --second-azimuth 90 -o x.exr", &["--second"]),
+        ("chrome.exr --second side.exr --second-azimuth nan -o x.exr", &["a finite number of degrees"]),
         ("chrome.exr --second wall.exr -o x.exr", &["wall.exr: no object found", "--second-mask", "--second-circle"]),
         (
             "chrome.exr --second black.exr -o x.exr",
-            &["chrome.exr and black.exr: the angle between the two cameras cannot be estimated", "--second-yaw"],
+            &["chrome.exr and black.exr: the angle between the two cameras cannot be estimated", "--second-azimuth"],
         ),
         ("black.exr -o x.exr", &["black.exr: the ball is entirely black"]),
         ("chrome.exr --clip 0 -o x.exr", &["clip 0"]),

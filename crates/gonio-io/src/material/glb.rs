@@ -134,9 +134,9 @@ mod tests {
         assert_eq!(pbr.base_color_factor(), [0.5, 0.25, 0.1, 1.0]);
         assert_eq!((pbr.metallic_factor(), pbr.roughness_factor()), (0.2, 0.3));
         let path = std::path::Path::new("sphere.glb");
-        let (mesh, soundness) = crate::mesh::decode(path, &bytes).unwrap();
+        let (mesh, defects) = crate::mesh::decode(path, &bytes).unwrap();
         assert_eq!(mesh.triangles().len(), usize::from(AROUND) * (2 * usize::from(RINGS) - 2));
-        assert_eq!((soundness.degenerate, soundness.inside_out, soundness.inconsistent_normals), (0, false, 0));
+        assert_eq!((defects.degenerate, defects.inside_out, defects.inconsistent_normals), (0, false, 0));
         let (centre, radius) = mesh.bounds();
         assert!(centre.length() < 1e-3 && (radius - 1.0).abs() < 1e-3);
     }

@@ -158,8 +158,8 @@ mod tests {
 
     #[test]
     fn built_in_shapes_need_no_file() {
-        let (mesh, soundness) = read_shape("bowl").unwrap();
-        assert!(mesh.triangles().len() > 1000 && soundness == MeshDefects::default());
+        let (mesh, defects) = read_shape("bowl").unwrap();
+        assert!(mesh.triangles().len() > 1000 && defects == MeshDefects::default());
         assert!(read_shape("cup").unwrap_err().to_string().starts_with("cup: "));
     }
 }

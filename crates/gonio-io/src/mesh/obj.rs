@@ -147,8 +147,8 @@ mod tests {
             ("f 1 \\\r\n 2 3 \\\n4\r\n", 2),
             ("f 1 2 3\nl 1 2 3 4\np 1 2 3\nf 1\nf 1 2\n", 1),
         ] {
-            let (mesh, soundness) = read(&format!("# a\n{SQUARE}{faces}")).unwrap();
-            assert_eq!((soundness.triangles, soundness.normals_computed), (triangles, true), "{faces}");
+            let (mesh, defects) = read(&format!("# a\n{SQUARE}{faces}")).unwrap();
+            assert_eq!((defects.triangles, defects.normals_computed), (triangles, true), "{faces}");
             assert!(mesh.normals().iter().flatten().all(|n| (*n - DVec3::Z).length() < 1e-12), "{faces}");
         }
     }
@@ -156,15 +156,15 @@ mod tests {
     #[test]
     fn normals_belong_to_corners() {
         let with = "vn 0 0 2\nvn 0 1 1\nf 1//1 2//1 3//2\nf 1//-2 3//-1 4//1\n";
-        let (mesh, soundness) = read(&format!("{SQUARE}{with}")).unwrap();
-        assert!(!soundness.normals_computed);
+        let (mesh, defects) = read(&format!("{SQUARE}{with}")).unwrap();
+        assert!(!defects.normals_computed);
         let half = DVec3::new(0.0, 0.5, 0.5).normalize();
         for (got, want) in mesh.normals().iter().flatten().zip([DVec3::Z, DVec3::Z, half, DVec3::Z, half, DVec3::Z]) {
             assert!((*got - want).length() < 1e-12, "{got}");
         }
         // If one face has no normals, all normals are computed.
-        let (_, soundness) = read(&format!("{SQUARE}vn 0 1 1\nf 1//1 2//1 3//1\nf 1 3 4\n")).unwrap();
-        assert!(soundness.normals_computed);
+        let (_, defects) = read(&format!("{SQUARE}vn 0 1 1\nf 1//1 2//1 3//1\nf 1 3 4\n")).unwrap();
+        assert!(defects.normals_computed);
     }
 
     #[test]
@@ -185,8 +185,8 @@ mod tests {
     #[test]
     fn missing_normals_are_computed() {
         for face in ["f 1//1 2//1 3//1", "f 1//0 2//0 3//0"] {
-            let (_, soundness) = read(&format!("{SQUARE}{face}\n")).unwrap();
-            assert!(soundness.normals_computed, "{face}");
+            let (_, defects) = read(&format!("{SQUARE}{face}\n")).unwrap();
+            assert!(defects.normals_computed, "{face}");
         }
     }
 

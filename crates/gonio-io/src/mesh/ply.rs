@@ -246,8 +246,8 @@ mod tests {
                  property int z\nproperty uchar red\nelement edge 1\nproperty int vertex1\nproperty int vertex2\n\
                  element face 1\nproperty list {list}\nend_header\n0 0 0 9\n1 0 0 9\n1 1e0 0 9\n0 1 0 9\n0 1\n{faces}"
             );
-            let (mesh, soundness) = read(text.as_bytes()).unwrap();
-            assert_eq!((soundness.triangles, soundness.normals_computed), (triangles, true), "{list}");
+            let (mesh, defects) = read(text.as_bytes()).unwrap();
+            assert_eq!((defects.triangles, defects.normals_computed), (triangles, true), "{list}");
             assert_eq!(mesh.positions(), SQUARE.map(DVec3::from_array));
         }
     }
@@ -277,8 +277,8 @@ mod tests {
     #[test]
     fn reads_binary_files_of_both_byte_orders() {
         for big in [false, true] {
-            let (mesh, soundness) = read(&binary(big)).unwrap();
-            assert_eq!((soundness.triangles, soundness.normals_computed), (2, false));
+            let (mesh, defects) = read(&binary(big)).unwrap();
+            assert_eq!((defects.triangles, defects.normals_computed), (2, false));
             assert_eq!(mesh.positions(), SQUARE.map(DVec3::from_array));
             assert!(mesh.normals().iter().flatten().all(|n| (*n - DVec3::new(0.0, 0.6, 0.8)).length() < 1e-7));
         }

@@ -64,11 +64,11 @@ mod tests {
         let positions: Vec<DVec3> = positions.collect();
         let triangles: Vec<[u32; 3]> = (0..38).map(|i| [i, i + 1, i + 2]).collect();
         let (mesh, _) = Mesh::new(MeshParts { positions, triangles, normals: None }).unwrap();
-        let (from_obj, soundness) = decode(Path::new("a"), &encode_obj(&mesh)).unwrap();
-        assert!(!soundness.normals_computed);
+        let (from_obj, defects) = decode(Path::new("a"), &encode_obj(&mesh)).unwrap();
+        assert!(!defects.normals_computed);
         assert_eq!((from_obj.positions(), from_obj.triangles()), (mesh.positions(), mesh.triangles()));
-        let (from_ply, soundness) = decode(Path::new("a"), &encode_ply(&mesh)).unwrap();
-        assert_eq!((soundness.triangles, soundness.normals_computed), (38, false));
+        let (from_ply, defects) = decode(Path::new("a"), &encode_ply(&mesh)).unwrap();
+        assert_eq!((defects.triangles, defects.normals_computed), (38, false));
         for (got, tolerance) in [(&from_obj, 1e-15), (&from_ply, 1e-7)] {
             for (a, b) in got.normals().iter().flatten().zip(mesh.normals().iter().flatten()) {
                 assert!((*a - *b).length() < tolerance);

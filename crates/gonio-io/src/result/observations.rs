@@ -72,7 +72,8 @@ pub enum Shape {
         /// Name of the mesh.
         mesh: String,
         /// Defects of the mesh.
-        soundness: MeshReport,
+        #[serde(alias = "soundness")]
+        defects: MeshReport,
         /// The camera.
         projection: Projection,
         /// Where the camera axis meets the picture, in pixels.
@@ -87,8 +88,8 @@ pub enum Shape {
         #[serde(default, skip_serializing_if = "Option::is_none")]
         geometry: Option<String>,
         /// Defects of the surface from that map.
-        #[serde(default, skip_serializing_if = "Option::is_none")]
-        soundness: Option<MeshReport>,
+        #[serde(default, skip_serializing_if = "Option::is_none", alias = "soundness")]
+        defects: Option<MeshReport>,
         /// The camera.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         projection: Option<Projection>,
@@ -219,9 +220,9 @@ pub struct MeshReport {
 }
 
 impl From<&MeshDefects> for MeshReport {
-    fn from(soundness: &MeshDefects) -> Self {
+    fn from(defects: &MeshDefects) -> Self {
         same_fields!(
-            *soundness,
+            *defects,
             MeshDefects {
                 triangles,
                 degenerate,

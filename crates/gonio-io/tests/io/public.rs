@@ -22,8 +22,8 @@ fn radiance(name: &str) -> Plane<Vec3> {
 #[test]
 fn reads_obj_files_with_missing_normals_and_with_comments() {
     for name in ["vn-missing.obj", "vn-zero.obj", "face-comment.obj", "fourth-number.obj"] {
-        let (mesh, soundness) = mesh::read_mesh(file(name)).unwrap();
-        assert_eq!(soundness.triangles, 12, "{name}");
+        let (mesh, defects) = mesh::read_mesh(file(name)).unwrap();
+        assert_eq!(defects.triangles, 12, "{name}");
         let corner = |p: &DVec3| p.abs().abs_diff_eq(DVec3::ONE, 1e-9);
         assert!(mesh.positions().iter().all(corner), "{name}: {:?}", mesh.positions());
     }
@@ -31,14 +31,14 @@ fn reads_obj_files_with_missing_normals_and_with_comments() {
 
 #[test]
 fn nodes_of_scale_zero_are_hidden() {
-    let (mesh, soundness) = mesh::read_mesh(file("zero-scale-helper-node.glb")).unwrap();
-    assert!(soundness.triangles > 0 && mesh.positions().iter().any(|p| p.length() > 0.5));
+    let (mesh, defects) = mesh::read_mesh(file("zero-scale-helper-node.glb")).unwrap();
+    assert!(defects.triangles > 0 && mesh.positions().iter().any(|p| p.length() > 0.5));
 }
 
 #[test]
 fn quantised_positions_are_read() {
-    let (mesh, soundness) = mesh::read_mesh(file("quantised.glb")).unwrap();
-    assert_eq!((soundness.triangles, soundness.normals_computed, soundness.inconsistent_normals), (320, false, 0));
+    let (mesh, defects) = mesh::read_mesh(file("quantised.glb")).unwrap();
+    assert_eq!((defects.triangles, defects.normals_computed, defects.inconsistent_normals), (320, false, 0));
     // Codes of the first two vertices; the node scales by 1.3.
     for (i, codes) in
         [DVec3::new(-11_017.0, 15_009.0, 0.0), DVec3::new(15_486.0, 15_009.0, 0.0)].into_iter().enumerate()
@@ -51,8 +51,8 @@ fn quantised_positions_are_read() {
 
 #[test]
 fn morph_targets_with_weights_displace_the_vertices() {
-    let (mesh, soundness) = mesh::read_mesh(file("morph-weight1.glb")).unwrap();
-    assert_eq!(soundness.triangles, 320);
+    let (mesh, defects) = mesh::read_mesh(file("morph-weight1.glb")).unwrap();
+    assert_eq!(defects.triangles, 320);
     // The target adds 0.8 x to y.
     for (i, (x, y)) in [(-0.437_089_3, 0.595_455_6), (0.614_372_97, 0.595_455_6)].into_iter().enumerate() {
         let want = DVec3::new(x, y + 0.8 * x, 0.0);

@@ -77,7 +77,7 @@ def light_probe(
     second: Photograph | None = None,
     second_mask: Picture | None = None,
     second_circle: tuple[float, float, float] | None = None,
-    second_yaw: float | None = None,
+    second_azimuth: float | None = None,
     times: Sequence[float] | None = None,
     response: Path | None = None,
     align: bool = True,
@@ -110,7 +110,7 @@ def light_probe(
         Rows of the map, a power of two from 8 to 4096; by default about the ball's radius in pixels.
     second, second_mask, second_circle : optional
         A second photograph of the ball, ideally from a camera 90 degrees around it.
-    second_yaw : float, optional
+    second_azimuth : float, optional
         Angle from the first to the second camera around the ball, in degrees, counterclockwise as
         seen from above; by default estimated from both photographs.
     output_colorspace : str, default "rec709"
@@ -148,8 +148,8 @@ def light_probe(
         "colorspace": colorspace,
     }
     written = space(output_colorspace, "output_colorspace")
-    if second is None and not (second_mask is None and second_circle is None and second_yaw is None):
-        raise GonioError("second_mask, second_circle and second_yaw require a second photograph; specify it with second=")
+    if second is None and not (second_mask is None and second_circle is None and second_azimuth is None):
+        raise GonioError("second_mask, second_circle and second_azimuth require a second photograph; specify it with second=")
 
     if rows is not None and integer(rows, "rows", -(2**63)) < 0:
         raise GonioError(f"rows {rows}: must be a power of two from 8 to 4096")
@@ -161,7 +161,7 @@ def light_probe(
     settings: ProbeSettings = {
         "reflectance": reflectances(reflectance, "reflectance"),
         "rows": None if rows is None else int(rows),
-        "second_yaw": None if second_yaw is None else number(second_yaw, "second_yaw"),
+        "second_azimuth": None if second_azimuth is None else number(second_azimuth, "second_azimuth"),
     }
     first = scene(image, "the image", mask, circle)
     other = None if second is None else scene(second, "the second image", second_mask, second_circle)

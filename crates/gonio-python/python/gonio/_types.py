@@ -139,7 +139,7 @@ class ProbeSettings(TypedDict):
 
     reflectance: tuple[float, float, float]
     rows: int | None
-    second_yaw: float | None
+    second_azimuth: float | None
 
 
 class BrdfData(TypedDict):

@@ -98,7 +98,7 @@ pub enum BracketError {
     /// Camera or scene moved.
     #[error(
         "the exposures are inconsistent: {moved} of {compared} pixels disagree; possible causes are motion and a \
-         wrong response curve; take the exposures again from a tripod"
+         wrong response curve; take the exposures again with a tripod"
     )]
     Motion {
         /// Number of pixels whose exposures no single radiance explains.

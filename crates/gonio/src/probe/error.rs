@@ -73,7 +73,7 @@ impl ProbeError {
                 .into_iter()
                 .filter(|suggestion| matches!(suggestion, Suggestion::Outline | Suggestion::Mask | Suggestion::Camera))
                 .collect(),
-            Self::AmbiguousAzimuth { .. } => vec![Suggestion::Turn],
+            Self::AmbiguousAzimuth { .. } => vec![Suggestion::SecondAzimuth],
             _ => Vec::new(),
         }
     }

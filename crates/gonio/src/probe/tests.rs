@@ -188,7 +188,7 @@ fn rejects_views_of_a_rotationally_symmetric_light() {
     let [first, second] = [first, second].map(|picture| view(&picture, &Object::Sphere(None)));
     let refused = probe(&first, Some(&SecondView { view: second, azimuth: None }), &settings(64)).err().unwrap();
     assert!(matches!(refused, ProbeError::AmbiguousAzimuth { .. }), "{refused}");
-    assert_eq!(refused.suggestions(), [crate::suggestion::Suggestion::Turn]);
+    assert_eq!(refused.suggestions(), [crate::suggestion::Suggestion::SecondAzimuth]);
 }
 
 #[test]

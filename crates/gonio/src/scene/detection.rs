@@ -98,7 +98,7 @@ pub enum DetectedShape {
     Outline(f64),
     /// A given surface.
     Surface,
-    /// Given normals, and the soundness of their relief.
+    /// Given normals, and the defects of their relief.
     Normals(Option<MeshDefects>),
 }
 
@@ -434,7 +434,7 @@ impl Detector<'_> {
         }
         let view = SurfaceView { normals: &normals, camera: camera.as_ref(), distances: None };
         let observations = Observations::of_view(self.picture, &view, self.coverage.as_ref(), self.settings)?;
-        let (placed, soundness) = relief.map(|relief| self.relief(relief, camera.is_none())).transpose()?.unzip();
+        let (placed, defects) = relief.map(|relief| self.relief(relief, camera.is_none())).transpose()?.unzip();
         // Shadows of a relief belong to its normals.
         let is_inaccurate = error > 0.0 && placed.is_none();
         let picture = self.picture;
@@ -443,7 +443,7 @@ impl Detector<'_> {
             placed,
             inaccurate: is_inaccurate.then_some(Inaccurate { error, camera }),
             scene_warnings,
-            ..self.detection(observations, DetectedShape::Normals(soundness))
+            ..self.detection(observations, DetectedShape::Normals(defects))
         };
         Ok(detection.made_consistent(picture))
     }
@@ -460,8 +460,8 @@ impl Detector<'_> {
             let cut = places.as_slice().iter().zip(coverage.as_slice()).map(|(p, c)| p.filter(|_| *c >= 0.5));
             places = Plane::from_vec(size.0, size.1, cut.collect());
         }
-        let (mesh, soundness) = Mesh::of_positions(&places, DEPTH_STEP)?;
-        Ok((PosedSurface { surface: Arc::new(Tracer::new(mesh)), camera, default_camera }, soundness))
+        let (mesh, defects) = Mesh::of_positions(&places, DEPTH_STEP)?;
+        Ok((PosedSurface { surface: Arc::new(Tracer::new(mesh)), camera, default_camera }, defects))
     }
 
     fn detection(self, observations: Observations, found: DetectedShape) -> Detection {

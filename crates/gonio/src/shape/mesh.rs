@@ -137,7 +137,7 @@ impl Mesh {
         let normals: Vec<[DVec3; 3]> = normals.into_iter().map(|n| n.map(DVec3::normalize)).collect();
         let against =
             triangles.iter().zip(&normals).filter(|(t, n)| face(&positions, **t).dot(n[0] + n[1] + n[2]) < 0.0);
-        let soundness = MeshDefects {
+        let defects = MeshDefects {
             triangles: triangles.len(),
             degenerate: all - triangles.len(),
             open_edges: topology.open_edges,
@@ -147,7 +147,7 @@ impl Mesh {
             inconsistent_normals: against.count(),
             normals_computed,
         };
-        Ok((Self { positions, triangles, normals }, soundness))
+        Ok((Self { positions, triangles, normals }, defects))
     }
 
     /// Builds the surface of a position map, in any frame.
@@ -281,9 +281,9 @@ mod tests {
 
     #[test]
     fn cube_is_closed_and_keeps_its_edges() {
-        let (mesh, soundness) = Mesh::new(cube()).unwrap();
+        let (mesh, defects) = Mesh::new(cube()).unwrap();
         let want = MeshDefects { triangles: 12, normals_computed: true, ..MeshDefects::default() };
-        assert_eq!(soundness, want);
+        assert_eq!(defects, want);
         for (t, normals) in mesh.triangles().iter().zip(mesh.normals()) {
             let flat = face(mesh.positions(), *t).normalize();
             assert!(normals.iter().all(|n| (*n - flat).length() < 1e-12), "{normals:?}");
@@ -302,15 +302,15 @@ mod tests {
         let mut parts = cube();
         let repeated = parts.triangles[5];
         parts.triangles.extend([[1, 1, 2], repeated]);
-        let soundness = Mesh::new(parts).unwrap().1;
-        assert_eq!((soundness.degenerate, soundness.non_manifold_edges, soundness.triangles), (1, 3, 13));
+        let defects = Mesh::new(parts).unwrap().1;
+        assert_eq!((defects.degenerate, defects.non_manifold_edges, defects.triangles), (1, 3, 13));
         let mut parts = cube();
         parts.triangles.pop();
         assert_eq!(Mesh::new(parts).unwrap().1.open_edges, 3);
         let mut parts = cube();
         parts.normals = Some(parts.triangles.iter().map(|t| [-2.0 * face(&parts.positions, *t); 3]).collect());
-        let (mesh, soundness) = Mesh::new(parts).unwrap();
-        assert_eq!((soundness.inconsistent_normals, soundness.normals_computed), (12, false));
+        let (mesh, defects) = Mesh::new(parts).unwrap();
+        assert_eq!((defects.inconsistent_normals, defects.normals_computed), (12, false));
         assert!(mesh.normals().iter().flatten().all(|n| (n.length() - 1.0).abs() < 1e-12));
         let mut parts = cube();
         parts.normals = Some(vec![[DVec3::ZERO; 3]; 12]);
@@ -347,8 +347,8 @@ mod tests {
             let turn = |t: [u32; 3]| if i % 2 == 0 { t } else { [t[0], t[2], t[1]] };
             triangles.extend([turn([i, j, j + up]), turn([i, j + up, i + up])]);
         }
-        let (mesh, soundness) = Mesh::new(MeshParts { positions, triangles, normals: None }).unwrap();
-        assert_eq!((soundness.open_edges, soundness.inconsistent_edges), (48, 24));
+        let (mesh, defects) = Mesh::new(MeshParts { positions, triangles, normals: None }).unwrap();
+        assert_eq!((defects.open_edges, defects.inconsistent_edges), (48, 24));
         for (triangle, normals) in mesh.triangles().iter().zip(mesh.normals()) {
             for (vertex, normal) in triangle.iter().zip(normals) {
                 let place = mesh.positions()[*vertex as usize];
@@ -365,10 +365,10 @@ mod tests {
             let z = if x < 5 { 0.0 } else { 40.0 };
             ((x, y) != (1, 1)).then(|| DVec3::new(x as f64, -(y as f64), z))
         });
-        let (mesh, soundness) = Mesh::of_positions(&places, 8.0).unwrap();
+        let (mesh, defects) = Mesh::of_positions(&places, 8.0).unwrap();
         // Eight columns of five quads remain without the step; six triangles touch the missing
         // pixel.
-        assert_eq!(soundness.triangles, 2 * 8 * 5 - 6);
+        assert_eq!(defects.triangles, 2 * 8 * 5 - 6);
         assert!(mesh.normals().iter().flatten().all(|n| (*n - DVec3::Z).length() < 1e-12));
         let none = Plane::from_fn(4, 4, |_, _| None);
         assert_eq!(Mesh::of_positions(&none, 8.0).unwrap_err(), MeshError::Empty { vertices: 0, triangles: 0 });

@@ -268,9 +268,9 @@ fn forms_are_closed_and_of_about_radius_one() {
             triangles: mesh.triangles().to_vec(),
             normals: Some(mesh.normals().to_vec()),
         };
-        let (_, soundness) = Mesh::new(parts).unwrap();
-        assert!(soundness.triangles > 5000, "{form:?} {soundness:?}");
-        let MeshDefects { open_edges, non_manifold_edges, inconsistent_edges, inside_out, .. } = soundness;
+        let (_, defects) = Mesh::new(parts).unwrap();
+        assert!(defects.triangles > 5000, "{form:?} {defects:?}");
+        let MeshDefects { open_edges, non_manifold_edges, inconsistent_edges, inside_out, .. } = defects;
         assert_eq!((open_edges, non_manifold_edges, inconsistent_edges, inside_out), (0, 0, 0, false), "{form:?}");
         let (centre, radius) = mesh.bounds();
         assert!(centre.length() < 0.5 && (0.8..1.3).contains(&radius), "{form:?} {centre} {radius}");

@@ -93,8 +93,8 @@ const PRIMITIVE: &str = "/meshes/0/primitives/0";
 fn reads_indices_of_all_widths_and_meshes_without_indices() {
     for (indices, mode) in [(json!(2), 4), (json!(3), 4), (json!(4), 4), (Value::Null, 6)] {
         let bytes = changed(&[(&format!("{PRIMITIVE}/indices"), indices), (&format!("{PRIMITIVE}/mode"), json!(mode))]);
-        let (mesh, soundness) = read(&bytes).unwrap();
-        assert_eq!((soundness.triangles, soundness.normals_computed), (2, false));
+        let (mesh, defects) = read(&bytes).unwrap();
+        assert_eq!((defects.triangles, defects.normals_computed), (2, false));
         assert_eq!(area(&mesh), 2.0 * DVec3::Z);
     }
     // A strip of the four corners in order folds over: its triangles are 012 and 132.
@@ -113,8 +113,8 @@ fn nodes_transform_and_mirror_their_meshes() {
         {"mesh": 0, "matrix": [0, 1, 0, 0, -1, 0, 0, 0, 0, 0, 1, 0, 7, 0, 0, 1]},
         {"mesh": 0}
     ]);
-    let (mesh, soundness) = read(&changed(&[("/nodes", nodes)])).unwrap();
-    assert_eq!((soundness.triangles, soundness.inconsistent_normals, soundness.normals_computed), (4, 0, false));
+    let (mesh, defects) = read(&changed(&[("/nodes", nodes)])).unwrap();
+    assert_eq!((defects.triangles, defects.inconsistent_normals, defects.normals_computed), (4, 0, false));
     assert!((area(&mesh) - 6.0 * DVec3::Z).length() < 1e-12, "{}", area(&mesh));
     let (low, high) =
         mesh.positions().iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(l, h), p| (l.min(*p), h.max(*p)));
@@ -133,9 +133,9 @@ fn sparse_accessors_replace_values() {
         ),
         (&format!("{PRIMITIVE}/indices"), json!(3)),
     ]);
-    let (mesh, soundness) = read(&bytes).unwrap();
+    let (mesh, defects) = read(&bytes).unwrap();
     // The fourth corner is also zero, so the second triangle is degenerate.
-    assert_eq!((soundness.triangles, soundness.degenerate), (1, 1));
+    assert_eq!((defects.triangles, defects.degenerate), (1, 1));
     assert_eq!(mesh.positions(), [DVec3::ZERO, DVec3::X, DVec3::new(1.0, 1.0, 0.0), DVec3::ZERO]);
 }
 
@@ -268,8 +268,8 @@ fn quantised_vectors_become_floats() {
             json!({"POSITION": places, "NORMAL": normals, "_CUSTOM": 0, "TEXCOORD_0": 99});
         json["nodes"][0] = json!({"mesh": 0, "scale": [2, 2, 2], "translation": [10, 0, 0]});
         json["extensionsRequired"] = json!(["KHR_mesh_quantization", "KHR_texture_transform"]);
-        let (mesh, soundness) = read(&glb(&json, &bin)).unwrap();
-        assert_eq!((soundness.triangles, soundness.normals_computed, soundness.inconsistent_normals), (2, false, 0));
+        let (mesh, defects) = read(&glb(&json, &bin)).unwrap();
+        assert_eq!((defects.triangles, defects.normals_computed, defects.inconsistent_normals), (2, false, 0));
         let [one, low] = want.map(|v: f32| 2.0 * f64::from(v));
         let corners = [[low, low], [one, low], [one, one], [low, one]].map(|[x, y]| DVec3::new(10.0 + x, y, 0.0));
         assert_eq!(mesh.positions(), corners, "{kind}, {normalized}");
@@ -295,12 +295,12 @@ fn morph_targets_have_the_weights_of_the_node_or_its_mesh() {
         (json!([0.25, 0.5]), Value::Null, [1.0, 0.0, 2.0]),
         (json!([0.25, 0.5]), json!([0.5, 0, 0]), [0.0, 0.0, 4.0]),
     ] {
-        let (mesh, soundness) = with(of_mesh, of_node).unwrap();
-        assert_eq!((mesh.positions()[0], soundness.normals_computed), (corner.into(), false));
+        let (mesh, defects) = with(of_mesh, of_node).unwrap();
+        assert_eq!((mesh.positions()[0], defects.normals_computed), (corner.into(), false));
     }
     // The normals do not fit a target without normals.
-    let (mesh, soundness) = with(json!([0, 0, 1]), Value::Null).unwrap();
-    assert_eq!((mesh.positions()[2], soundness.normals_computed), (DVec3::new(1.0, 1.0, 8.0), true));
+    let (mesh, defects) = with(json!([0, 0, 1]), Value::Null).unwrap();
+    assert_eq!((mesh.positions()[2], defects.normals_computed), (DVec3::new(1.0, 1.0, 8.0), true));
 
     json["accessors"][up]["count"] = json!(3);
     let error = read(&{

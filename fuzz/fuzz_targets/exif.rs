@@ -2,7 +2,7 @@
 //! Camera settings from EXIF data, alone (a TIFF) and in a JPEG. All settings must be positive
 //! numbers.
 
-use gonio_io::picture::Shot;
+use gonio_io::picture::ExposureSettings;
 use libfuzzer_sys::fuzz_target;
 
 fuzz_target!(init: gonio_fuzz::let_guards_catch(), |bytes: &[u8]| {
@@ -12,7 +12,7 @@ fuzz_target!(init: gonio_fuzz::let_guards_catch(), |bytes: &[u8]| {
     jpeg.extend(bytes);
     jpeg.extend([0xff, 0xd9]);
     for bytes in [bytes, &jpeg] {
-        let Shot { seconds, f_number, iso } = Shot::of(bytes);
+        let ExposureSettings { seconds, f_number, iso } = ExposureSettings::of(bytes);
         assert!([seconds, f_number, iso].into_iter().flatten().all(|v| v > 0.0 && v.is_finite()));
     }
 });

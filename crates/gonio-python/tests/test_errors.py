@@ -38,7 +38,7 @@ def test_damaged_files_raise_errors(ball, tmp_path):
     [
         ({"grid": 17}, "grid 17: must be a power of two"),
         ({"grid": 4096}, "the range of the model's prior of light"),
-        ({"clip": -1.0}, "clip -1.0: is not a positive radiance"),
+        ({"clip": -1.0}, "clip -1.0: must be a positive radiance"),
         ({"color": "red"}, 'color "red": must be'),
         ({"color": "none", "light_color": (1, 1, 1)}, "light_color requires"),
         ({"light_color": (1, 0, 1)}, "three positive linear numbers"),

@@ -39,14 +39,14 @@ pub fn read(path: impl AsRef<Path>) -> Result<[BivariateTable; 3], Error> {
 pub fn decode(path: &Path, bytes: &[u8]) -> Result<[BivariateTable; 3], Error> {
     let table = Table::decode(path, bytes)?;
     let invalid = |problem: String| Error::invalid(path, problem, ADVICE);
-    let column = |name: &str| {
-        let at = table.columns.iter().position(|c| c.eq_ignore_ascii_case(name));
-        at.or_else(|| table.columns.iter().position(|c| name != COLUMNS[0] && name != COLUMNS[1] && c == GREY))
-            .ok_or_else(|| invalid(format!("has no column {name}")))
+    let column = |name: &str| table.columns.iter().position(|c| c.eq_ignore_ascii_case(name));
+    let names = match column(GREY) {
+        Some(_) => [COLUMNS[0], COLUMNS[1], GREY, GREY, GREY],
+        None => COLUMNS,
     };
     let mut numbers = [const { Vec::new() }; 5];
-    for (name, numbers) in COLUMNS.iter().zip(&mut numbers) {
-        let column = column(name)?;
+    for (name, numbers) in names.iter().zip(&mut numbers) {
+        let column = column(name).ok_or_else(|| invalid(format!("has no column {name}")))?;
         for (row, cells) in table.rows.iter().enumerate() {
             let number: Option<f64> = cells[column].parse().ok().filter(|v: &f64| v.is_finite());
             let problem =
@@ -65,17 +65,13 @@ pub fn decode(path: &Path, bytes: &[u8]) -> Result<[BivariateTable; 3], Error> {
         let (rows, h, d) = (theta_h.len(), half.len(), difference.len());
         return Err(invalid(format!("has {rows} rows, but {h} half angles and {d} difference angles")));
     }
-    let index = |row: usize| {
-        let at = |axis: &[f64], angle: f64| axis.partition_point(|v| *v < angle);
-        at(&half, theta_h[row]) * difference.len() + at(&difference, theta_d[row])
-    };
-    let mut row_of = vec![None; theta_h.len()];
-    for row in 0..theta_h.len() {
-        if let Some(other) = row_of[index(row)].replace(row) {
-            return Err(invalid(format!("has the same angles in rows {} and {}", other + 1, row + 1)));
-        }
+    // Without a repeated pair of angles, this number of rows is the complete grid.
+    let mut rows: Vec<usize> = (0..theta_h.len()).collect();
+    rows.sort_by(|&a, &b| theta_h[a].total_cmp(&theta_h[b]).then(theta_d[a].total_cmp(&theta_d[b])));
+    let angles = |row: usize| (theta_h[row], theta_d[row]);
+    if let Some(pair) = rows.windows(2).find(|pair| angles(pair[0]) == angles(pair[1])) {
+        return Err(invalid(format!("has the same angles in rows {} and {}", pair[0] + 1, pair[1] + 1)));
     }
-    let rows: Vec<usize> = row_of.into_iter().flatten().collect();
     let cell = |values: &[f64], at: usize| {
         let (h, d) = angles_of(at);
         let mut sum = 0.0;
@@ -151,7 +147,7 @@ mod tests {
         for (text, message) in [
             ("theta_i,brdf\n0,1\n", "has no column theta_h"),
             ("theta_h,theta_d,red,green\n0,0,1,1\n", "has no column blue"),
-            ("theta_h,theta_d,brdf\n0,0,x\n", "\"x\" in row 1 of column red, not a number"),
+            ("theta_h,theta_d,brdf\n0,0,x\n", "\"x\" in row 1 of column brdf, not a number"),
             ("theta_h,theta_d,brdf\n0,0,inf\n", "not a number"),
             ("theta_h,theta_d,brdf\n0,91,1\n", "theta_d of 91 degrees"),
             ("theta_h,theta_d,brdf\n0,0,1\n10,0,1\n0,10,1\n", "3 rows, but 2 half angles and 2 difference angles"),

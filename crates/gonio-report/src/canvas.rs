@@ -76,11 +76,6 @@ pub fn large_note(out: &mut Plane<Vec3>, left: usize, top: usize, line: &str) {
     write(out, (left, top), &REGULAR, LARGE, QUIET, line);
 }
 
-/// Returns the width of a line of large text, in pixels.
-pub fn large_width_of(line: &str) -> usize {
-    width(LARGE, line)
-}
-
 /// Writes a line of text from its top left corner; parts that do not fit are cut off.
 pub fn text(out: &mut Plane<Vec3>, left: usize, top: usize, line: &str) {
     write(out, (left, top), &REGULAR, TEXT, INK, line);

@@ -49,8 +49,8 @@ pub fn card(heading: &str, content: &Markup, caption: &Markup) -> Markup {
 
 /// Arranges pictures side by side, each with a short label beneath. In a card they share its width,
 /// elsewhere they wrap.
-pub fn tiles(pictures: &[(&str, Markup)]) -> Markup {
-    html! { div.tiles { @for (label, picture) in pictures { div.tile { (picture) span { (label) } } } } }
+pub fn tiles(pictures: &[(impl AsRef<str>, Markup)]) -> Markup {
+    html! { div.tiles { @for (label, picture) in pictures { div.tile { (picture) span { (label.as_ref()) } } } } }
 }
 
 /// Arranges figures side by side, as many as fit when each is at least `least` rem wide.

@@ -254,14 +254,14 @@ impl Report<'_> {
     }
 
     fn trust(&self, material: &Material) -> Markup {
-        let similar: Vec<Markup> = material
+        let similar: Vec<(String, Markup)> = material
             .posterior
             .neighbours
             .iter()
             .zip(&self.panels.similar)
             .map(|(neighbour, picture)| {
                 let sphere = figure::sized(picture, SIMILAR, &format!("A sphere with the BRDF of {}", neighbour.name));
-                html! { div.tile { (sphere) span { (neighbour.name) br; (percent(neighbour.weight)) } } }
+                (format!("{}, {}", neighbour.name, percent(neighbour.weight)), sphere)
             })
             .collect();
         let ends = ["dull end (5 %)", "estimate", "glossy end (95 %)"];
@@ -300,7 +300,7 @@ impl Report<'_> {
                         (format!("The photograph does not determine the hatched cells ({} of the cells below 80°). ", percent(material.undetermined_share)))
                         "All cells above 80° are hatched, too."
                     }),
-                figure::figure(&html! { div.tiles { @for tile in &similar { (tile) } } }, &html! {
+                figure::figure(&figure::tiles(&similar), &html! {
                     "Measured materials (MERL database) with the most similar highlights, in the estimated colours, and \
                      their weights among the measured materials."
                 }),

@@ -84,8 +84,6 @@ enum Command {
     MultiView(multi_view::MultiViewOptions),
     /// Measures the error of the absolute albedo from a neutral reference in the picture.
     Scales(scales::ScalesOptions),
-    /// Merges the output folders of `bench --shard` jobs into one report.
-    Merge(bench::MergeOptions),
 }
 
 fn main() -> ExitCode {
@@ -110,7 +108,6 @@ fn main() -> ExitCode {
         Command::Prior(options) => prior::run(&data, &options),
         Command::MultiView(options) => multi_view::run(&data, &options),
         Command::Scales(options) => scales::run(&data, &options),
-        Command::Merge(options) => bench::merge(&options),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

@@ -168,8 +168,7 @@ impl Materials {
                 hasher.update(format!("rgl {}", out_of_domain::VERSION).as_bytes());
                 hash_file(&mut hasher, path)?;
             }
-            // Hashes the parameters, not the values: processors round differently, and shards from
-            // several machines are merged.
+            // Hashes the parameters, not the values: processors round differently.
             Origin::Formula(formula) => {
                 hasher.update(format!("formula {} {formula:?}", out_of_domain::VERSION).as_bytes());
             }

@@ -9,7 +9,7 @@
 //! * [`colour_space`]: named colour spaces and the matrices between them;
 //! * [`camera`]: cameras and poses (`docs/camera.md`);
 //! * [`brdf`]: measured BRDFs in the formats of [`merl`], [`rgl`], [`mbsdf`] and [`brdf_csv`];
-//!   [`bivariate`]: sets of bivariate tables; [`fits`]: published fits of parametric models;
+//!   [`bivariate`]: sets of bivariate tables;
 //! * [`model`]: trained models and their parts (`docs/model-format.md`);
 //! * [`lights`]: lists of directional lights;
 //! * [`posterior`]: posteriors of single photographs, to be combined;
@@ -32,7 +32,6 @@ pub mod brdf_csv;
 pub mod camera;
 pub mod colour_space;
 mod error;
-pub mod fits;
 pub mod folder;
 pub mod geometry;
 mod guard;

@@ -1,9 +1,6 @@
 //! The grid of the benchmark: the photographed materials, their lights, and the training materials
 //! of the estimator.
 
-use std::str::FromStr;
-
-use anyhow::{Result, bail};
 use serde::{Deserialize, Serialize};
 
 use crate::materials::Materials;
@@ -89,33 +86,6 @@ pub(crate) fn units(
     units
 }
 
-/// One of `count` parts of the grid, each for one machine.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Shard {
-    /// 1-based.
-    pub(crate) index: usize,
-    pub(crate) count: usize,
-}
-
-impl Shard {
-    /// Selects every `count`-th unit.
-    pub(crate) fn of(self, units: Vec<Unit>) -> Vec<Unit> {
-        units.into_iter().enumerate().filter(|(i, _)| i % self.count == self.index - 1).map(|(_, u)| u).collect()
-    }
-}
-
-impl FromStr for Shard {
-    type Err = anyhow::Error;
-
-    fn from_str(text: &str) -> Result<Self> {
-        let parts = text.split_once('/').and_then(|(i, n)| Some((i.parse().ok()?, n.parse().ok()?)));
-        match parts {
-            Some((index, count)) if index >= 1 && index <= count => Ok(Self { index, count }),
-            _ => bail!("give I/N with I from 1 to N, such as 1/8"),
-        }
-    }
-}
-
 /// Returns the lights in which an estimate from `input` is relit: `wanted`, with `input` itself
 /// replaced by the first spare light that `wanted` does not contain.
 pub(crate) fn relight_lights(wanted: &[String], spare: &[String], input: &str) -> Vec<String> {
@@ -126,24 +96,6 @@ pub(crate) fn relight_lights(wanted: &[String], spare: &[String], input: &str) -
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn shards_partition_the_grid() {
-        let lights = ["x".to_owned(), "y".to_owned()];
-        let all = || units(&[Protocol::All, Protocol::LeaveOut], &|_| vec![4, 7, 9], &lights);
-        assert_eq!(all().len(), 12);
-        let mut together: Vec<Unit> = (1..=5).flat_map(|index| Shard { index, count: 5 }.of(all())).collect();
-        together.sort_by_key(|u| all().iter().position(|v| v == u));
-        assert_eq!(together, all());
-    }
-
-    #[test]
-    fn shards_parse_as_fractions() {
-        assert_eq!("2/3".parse::<Shard>().unwrap(), Shard { index: 2, count: 3 });
-        for bad in ["", "0/3", "4/3", "1", "a/b", "1/0", "-1/2"] {
-            assert!(bad.parse::<Shard>().is_err(), "{bad}");
-        }
-    }
 
     #[test]
     fn estimates_are_not_relit_in_the_light_of_their_photograph() {

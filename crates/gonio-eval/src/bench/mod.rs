@@ -8,7 +8,6 @@ mod errors;
 mod estimators;
 mod grid;
 mod learning;
-mod merge;
 mod options;
 mod progress;
 mod renders;
@@ -19,7 +18,6 @@ mod summary;
 mod test_sphere;
 
 pub(crate) use grid::Protocol;
-pub(crate) use merge::{MergeOptions, merge};
 pub(crate) use options::BenchOptions;
 pub(crate) use progress::Progress;
 #[cfg(test)]

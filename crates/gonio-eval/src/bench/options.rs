@@ -8,7 +8,7 @@ use gonio_paper::{PlanSettings, VariationalSettings};
 use serde::{Deserialize, Serialize};
 
 use super::estimators::Estimator;
-use super::grid::{Protocol, Shard};
+use super::grid::Protocol;
 use super::store::{Conditions, VERSION};
 use crate::data::Lights;
 use crate::materials::Materials;
@@ -71,9 +71,6 @@ pub(crate) struct BenchOptions {
     size: usize,
     #[command(flatten)]
     effort: Effort,
-    /// Process only every N-th photograph, starting with the I-th, as one of N jobs
-    #[arg(long, value_name = "I/N")]
-    pub(crate) shard: Option<Shard>,
     /// Number of photographs processed in parallel [default: one for each core]
     #[arg(long)]
     pub(crate) threads: Option<usize>,

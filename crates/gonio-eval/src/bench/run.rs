@@ -43,10 +43,7 @@ pub(crate) fn bench(data: &Path, options: &BenchOptions) -> Result<()> {
         let may = protocol.tested(&materials);
         grid.materials.iter().copied().filter(|m| may.contains(m)).collect()
     };
-    let mut units = units(&grid.protocols, &tested, &grid.lights);
-    if let Some(shard) = options.shard {
-        units = shard.of(units);
-    }
+    let units = units(&grid.protocols, &tested, &grid.lights);
     let paper = conditions.separable.paper;
     let known = if paper { ObservationSettings::of_paper() } else { ObservationSettings::default() };
     let observation = ObservationSettings { normals: conditions.normals, ..known };

@@ -90,14 +90,6 @@ impl Store {
         Ok(Self { dir: dir.to_owned() })
     }
 
-    /// Reads the conditions of a folder of results.
-    pub(crate) fn conditions(dir: &Path) -> Result<Conditions> {
-        let path = dir.join(CONDITIONS);
-        let value = read_value(&path).with_context(|| format!("{}: holds no results of a benchmark", dir.display()))?;
-        serde_json::from_value(value)
-            .with_context(|| format!("{}: belongs to another version of gonio-eval", path.display()))
-    }
-
     /// Whether the cell is finished under this key.
     pub(crate) fn has(&self, protocol: Protocol, material: &str, light: &str, estimator: Estimator, key: &str) -> bool {
         let path = self.dir.join(CELLS).join(file(protocol, material, light, estimator));

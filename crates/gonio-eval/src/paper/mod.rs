@@ -10,6 +10,7 @@
 mod appearance;
 mod captured;
 mod context;
+mod fits;
 mod gloss;
 mod lighting;
 mod recovery;

@@ -4,14 +4,13 @@
 use anyhow::{Context, Result};
 use glam::Vec3;
 use gonio::picture::Plane;
-use gonio::reflectance::parametric::{CookTorrance, Lafortune, Parametric, Ward};
 use gonio::reflectance::{BivariateTable, ReflectanceBasis, THETA_D, THETA_H, theta_d_of, theta_h_of, trusted_cells};
-use gonio_io::fits::ParametricFit;
 use gonio_paper::nmf::NmfSettings;
 use gonio_paper::training::TrainSettings;
 use maud::{Markup, html};
 
 use super::context::{Material, PaperContext};
+use super::fits;
 use super::show::{self, Green};
 use super::step;
 use crate::bases::Trained;
@@ -58,7 +57,7 @@ pub(super) fn section(context: &PaperContext) -> Result<Markup> {
         .map(|(name, file)| (*name, context.data.join("merl").join(file)))
         // The database itself does not include the fits.
         .filter(|(_, path)| path.is_file())
-        .map(|(name, path)| Ok((name, gonio_io::fits::read_fits(path)?)))
+        .map(|(name, path)| Ok((name, fits::read(&path, GREEN)?)))
         .collect::<Result<Vec<_>>>()?;
     let names: Vec<&str> = match fits.first() {
         Some((_, fits)) => fits.iter().map(|(name, _)| name.as_str()).collect(),
@@ -77,7 +76,7 @@ pub(super) fn section(context: &PaperContext) -> Result<Markup> {
             let rms = fits.iter().map(|(material, fit)| {
                 let reference = green.iter().find(|(n, _)| n == material);
                 let (_, reference) = reference.with_context(|| format!("there is no material {material}"))?;
-                Ok(rms(&channel(fit, GREEN), reference))
+                Ok(rms(fit, reference))
             });
             errors.push(Errors { name: (*name).to_owned(), rms: rms.collect::<Result<_>>()? });
         }
@@ -102,23 +101,8 @@ pub(super) fn section(context: &PaperContext) -> Result<Markup> {
     })
 }
 
-/// One channel of a published fit.
-fn channel(fit: &ParametricFit, c: usize) -> BivariateTable {
-    match *fit {
-        ParametricFit::CookTorrance { diffuse, specular, f0, roughness } => {
-            CookTorrance { diffuse: diffuse[c], specular: specular[c], f0, roughness }.to_bivariate()
-        }
-        ParametricFit::Ward { diffuse, specular, roughness } => {
-            Ward { diffuse: diffuse[c], specular: specular[c], roughness }.to_bivariate()
-        }
-        ParametricFit::Lafortune { diffuse, specular, cxy, cz, exponent } => {
-            Lafortune { diffuse: diffuse[c], specular: specular[c], cxy, cz, exponent }.to_bivariate()
-        }
-    }
-}
-
 /// Root mean square difference over the trusted cells, each counting once.
-fn rms(a: &BivariateTable, b: &BivariateTable) -> f64 {
+pub(super) fn rms(a: &BivariateTable, b: &BivariateTable) -> f64 {
     let (sum, count) = trusted_cells()
         .fold((0.0, 0.0), |(sum, count), c| (sum + f64::from(a.as_slice()[c] - b.as_slice()[c]).powi(2), count + 1.0));
     (sum / count).sqrt()
@@ -128,7 +112,7 @@ fn spheres(
     context: &PaperContext,
     material: &Material,
     bases: &[Trained],
-    fits: &[(String, ParametricFit)],
+    fits: &[(String, BivariateTable)],
 ) -> Result<Markup> {
     let name = material.name;
     let reference = context.all.green(context.all.index(name)?);
@@ -144,7 +128,7 @@ fn spheres(
         tiles.push(tile(format!("K = {rank}"), &show::sphere(&fitted, &context.novel)));
     }
     tiles.push(tile("truth".into(), &truth));
-    let model = fits.iter().find(|(n, _)| n == name).map(|(_, fit)| channel(fit, GREEN));
+    let model = fits.iter().find(|(n, _)| n == name).map(|(_, fit)| fit.clone());
     if let Some(model) = &model {
         tiles.push(tile("Cook-Torrance".into(), &show::sphere(model, &context.novel)));
     }

@@ -192,28 +192,6 @@ fn coloured_materials_are_judged_in_rgb() {
 }
 
 #[test]
-fn shards_merge_into_the_whole() {
-    let place = Place::new();
-    let fast = ["--estimators", "training-mean,lambertian,known-light-basis", "--protocols", "leave-out"];
-    run(&mut place.bench("whole", &fast));
-    for shard in ["1/3", "2/3", "3/3"] {
-        let folder = format!("part-{}", &shard[..1]);
-        run(place.bench(&folder, &fast).args(["--shard", shard]));
-    }
-    let parts = ["part-1", "part-2", "part-3"].map(|p| place.at(p));
-    let mut merge = place.command(&["merge", "-o"]);
-    run(merge.arg(place.at("merged")).args(&parts));
-    assert_eq!(cells(&place.at("merged")), cells(&place.at("whole")));
-    // Folders with other conditions cannot be merged.
-    run(place.bench("noisy", &fast).args(["--noise", "0.1"]));
-    let refused =
-        place.command(&["merge", "-o"]).arg(place.at("mixed")).args([&parts[0], &place.at("noisy")]).output().unwrap();
-    assert_eq!(refused.status.code(), Some(2));
-    assert!(String::from_utf8_lossy(&refused.stderr).contains("other conditions"));
-    assert_ne!(cells(&place.at("noisy")), cells(&place.at("whole")));
-}
-
-#[test]
 fn a_killed_run_resumes() {
     let place = Place::new();
     let estimators = "training-mean,lambertian,nearest-material,joint-map,variational";
@@ -298,17 +276,15 @@ fn rejects_wrong_names_and_folders() {
     let letters = place.at("letters");
     std::fs::create_dir(&letters).unwrap();
     std::fs::write(letters.join("letter.txt"), "dear").unwrap();
-    let (other, empty) = (place.at("other"), place.at("nowhere"));
+    let empty = place.at("nowhere");
     let bench = |output: &str, more: &[&str]| place.bench(output, more).output().unwrap();
     for (output, says) in [
         (bench("a", &["--lights", "moon"]), "there is no test light moon"),
         (bench("b", &["--materials", "kryptonite"]), "there is no material kryptonite"),
         (bench("c", &["--grid", "12"]), "--grid 12: give a power of two"),
-        (bench("d", &["--shard", "4/3"]), "I from 1 to N"),
         (bench("e", &["--merl", empty.to_str().unwrap()]), "no .binary files"),
         (bench("letters", &[]), "is not empty and holds no results"),
         (bench("out", &["--starts", "2"]), "starts is 1 in the folder and 2 in this run"),
-        (place.command(&["merge", "-o", other.to_str().unwrap(), "letters"]).output().unwrap(), "holds no results"),
         (
             Command::new(env!("CARGO_BIN_EXE_gonio-eval"))
                 .args(["--data", "/nonexistent", "bench", "-o", "x"])

@@ -4,13 +4,10 @@
 use std::path::PathBuf;
 
 use glam::DVec3;
-use gonio::reflectance::parametric::{CookTorrance, Parametric};
-use gonio::reflectance::{BivariateTable, trusted_cells};
+use gonio::reflectance::BivariateTable;
 use gonio::shape::SurfacePoint;
 use gonio::sphere::{OctahedralMap, fibonacci_hemisphere};
 use gonio::transfer::{InterleavedTables, Quadrature, QuadratureSettings, polar_reference};
-use gonio_io::fits::ParametricFit;
-use gonio_paper::training::{TrainSettings, train};
 
 fn data() -> Option<PathBuf> {
     let folder = std::env::var_os("GONIO_DATA").map(PathBuf::from).filter(|p| p.is_dir());
@@ -24,38 +21,6 @@ fn data() -> Option<PathBuf> {
 fn green(data: &std::path::Path) -> Vec<(String, BivariateTable)> {
     let set = gonio_io::bivariate::read_bivariate_set(data.join("merl")).unwrap();
     set.into_iter().map(|(name, rgb)| (name, rgb[1].clone())).collect()
-}
-
-fn median(mut x: Vec<f64>) -> f64 {
-    x.sort_by(f64::total_cmp);
-    0.5 * (x[(x.len() - 1) / 2] + x[x.len() / 2])
-}
-
-fn mean(x: &[f64]) -> f64 {
-    x.iter().sum::<f64>() / x.len() as f64
-}
-
-#[test]
-#[ignore = "slow: fits 100 materials; tools/nightly.sh runs it"]
-fn rank_ten_beats_cook_torrance_by_thirteen_and_seven() {
-    let Some(data) = data() else { return };
-    let materials = green(&data);
-    let (_, report) = train(&materials, &TrainSettings::default()).unwrap();
-    let (mut nmf, mut cook_torrance) = (Vec::new(), Vec::new());
-    for (name, fit) in gonio_io::fits::read_fits(data.join("merl/ngan2005_cooktorrance.fit")).unwrap() {
-        let ParametricFit::CookTorrance { diffuse, specular, f0, roughness } = fit else {
-            panic!("{name} is not a Cook-Torrance fit")
-        };
-        let model = CookTorrance { diffuse: diffuse[1], specular: specular[1], f0, roughness }.to_bivariate();
-        let truth = &materials.iter().find(|(n, _)| *n == name).unwrap().1;
-        let trusted: Vec<usize> = trusted_cells().collect();
-        let square: f64 = trusted.iter().map(|&c| f64::from(model.as_slice()[c] - truth.as_slice()[c]).powi(2)).sum();
-        cook_torrance.push((square / trusted.len() as f64).sqrt());
-        nmf.push(report.fits.iter().find(|f| f.name == name).unwrap().rms);
-    }
-    assert_eq!(nmf.len(), 86);
-    let (means, medians) = (mean(&cook_torrance) / mean(&nmf), median(cook_torrance) / median(nmf));
-    assert!(means > 13.0 && medians > 7.0, "ratios of mean {means:.2} and median {medians:.2}");
 }
 
 #[test]

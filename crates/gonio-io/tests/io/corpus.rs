@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use gonio_io::geometry::{self, DepthOptions};
 use gonio_io::picture::{self, ReadOptions};
-use gonio_io::{Error, camera, fits, merl, mesh, model, normals, npy, rgl};
+use gonio_io::{Error, camera, merl, mesh, model, normals, npy, rgl};
 
 /// Small, so that a valid but highly compressed file is rejected before it is unpacked.
 const PIXELS: u64 = 1 << 20;
@@ -30,7 +30,6 @@ pub(crate) fn read_with_all(path: &Path, bytes: &[u8]) -> Vec<Error> {
         merl::decode(path, bytes, length).err(),
         merl::decode(path, bytes, merl::FILE_BYTES).err(),
         rgl::decode(path, bytes).err(),
-        fits::decode(path, bytes).err(),
         model::decode_model(path, bytes).err(),
         model::decode_lighting(path, bytes).err(),
         model::decode_reflectance(path, bytes).err(),

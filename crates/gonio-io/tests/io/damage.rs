@@ -8,7 +8,7 @@ use glam::Vec3;
 use gonio::picture::Plane;
 use gonio::reflectance::{BivariateTable, MerlTable};
 use gonio_io::picture::{self, ReadOptions};
-use gonio_io::{Error, Kind, fits, merl, normals, npy};
+use gonio_io::{Error, Kind, merl, normals, npy};
 use image::{DynamicImage, ImageFormat};
 
 use crate::colour;
@@ -193,13 +193,6 @@ fn damaged_merl_tables_never_panic() {
         bad[at] = numbers.below(256) as u8;
         let _ = read(&bad);
     }
-}
-
-#[test]
-fn damaged_fits_never_panic() {
-    let good = "# head\na = Aggregate(Lambertian(albedo = [0.1, 0.2, 0.3]), \
-        NganLafortune(albedo = [1, 2, 3], Cxy = -0.577, Cz = 0.577, sharpness = 4060.0))\n";
-    check("a.fit", good.as_bytes(), 1, fits::decode);
 }
 
 #[test]

@@ -10,12 +10,9 @@ use gonio::colour::{Chroma, ChromaField, SavedChroma};
 use gonio::inference::{Embedding, Likelihood};
 use gonio_io::picture::{self, ReadOptions};
 use gonio_io::posterior::SavedPosterior;
-use gonio_io::{brdf_csv, camera, fits, lights, mbsdf, mesh, model, normals, npy, rgl, table};
+use gonio_io::{brdf_csv, camera, lights, mbsdf, mesh, model, normals, npy, rgl, table};
 
 use crate::{colour, damage, mutation};
-
-const FIT: &str = "a = Aggregate(Lambertian(albedo = [0.1, 0.2, 0.3]), \
-                   NganLafortune(albedo = [1, 2, 3], Cxy = -0.577, Cz = 0.577, sharpness = 4060.0))\n";
 
 const LIGHTS: &str = "# lights\n0 3 4  1 0.5 0.25\n-1 0 0 0 0 1\n";
 
@@ -84,7 +81,6 @@ fn seeds() -> Vec<(&'static str, String, Vec<u8>)> {
         ("mbsdf", "a.mbsdf".to_owned(), small_mbsdf()),
         ("brdf_csv", "a.csv".to_owned(), BRDF_TABLE.into()),
         ("model", "light.prior".to_owned(), include_bytes!("../../model/paper.prior").to_vec()),
-        ("fits", "a.fit".to_owned(), FIT.into()),
         ("lights", "a.txt".to_owned(), LIGHTS.into()),
         ("manifest", "a.csv".to_owned(), TABLE.into()),
         ("response", "a.csv".to_owned(), picture::encode_response(&response)),
@@ -126,7 +122,6 @@ fn every_seed_is_read() {
             "mbsdf" => mbsdf::decode(path, &bytes).err(),
             "brdf_csv" => brdf_csv::decode(path, &bytes).err(),
             "model" => model::decode_lighting(path, &bytes).err(),
-            "fits" => fits::decode(path, &bytes).err(),
             "lights" => lights::decode_lights(path, &bytes).err(),
             "manifest" => table::Table::decode(path, &bytes).err(),
             "response" => picture::decode_response(path, &bytes).err(),

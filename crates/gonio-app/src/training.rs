@@ -158,6 +158,8 @@ pub struct PosteriorSettings {
     /// Interval `n` of the lights that are left out: every n-th light is only tested with. `None`
     /// trains on all lights.
     pub leave_out: Option<usize>,
+    /// Posterior whose network the training begins with; `None` begins with random weights.
+    pub initial: Option<LearntPosterior>,
     /// Seed of all random numbers.
     pub seed: u64,
 }
@@ -166,7 +168,7 @@ impl Default for PosteriorSettings {
     fn default() -> Self {
         let (stock, training) = (ScenePoolSettings::default(), TrainingSettings::default());
         let (views, draws, steps) = (stock.views, stock.draws, training.steps);
-        Self { channel: Channel::Luminance, views, draws, steps, leave_out: None, seed: 1 }
+        Self { channel: Channel::Luminance, views, draws, steps, leave_out: None, initial: None, seed: 1 }
     }
 }
 
@@ -250,6 +252,10 @@ pub struct Resumption<'a> {
 /// Interval between checkpoints.
 const CHECKPOINT_INTERVAL: Duration = Duration::from_secs(300);
 
+/// Factor of the learning rate in a training that begins with a trained network: large steps would
+/// undo the earlier training.
+const INITIAL_RATE: f64 = 0.5;
+
 /// Rows to which larger environment maps are reduced: finer than any cell of the disk of normals.
 const LIGHT_ROWS: usize = 512;
 
@@ -265,7 +271,7 @@ pub fn posterior(
     resumption: Resumption<'_>,
     progress: Progress<'_>,
 ) -> Result<(LearntPosterior, TrainingLosses, String), TrainingError> {
-    let PosteriorSettings { channel, views, draws, steps, leave_out, seed } = *settings;
+    let PosteriorSettings { channel, views, draws, steps, leave_out, ref initial, seed } = *settings;
     for (name, value) in [("views", views), ("draws", draws), ("steps", steps)] {
         if value == 0 {
             return Err(TrainingError::Setting(format!("{name} 0: must be at least 1")));
@@ -304,10 +310,14 @@ pub fn posterior(
     let count = maps.len();
     let left_out = (!tested.is_empty()).then(|| ScenePool::new(dictionary.clone(), tested, stock_settings));
     let mut stock = ScenePool::new(dictionary, maps, stock_settings);
-    let training = TrainingSettings { steps, seed, ..TrainingSettings::default() };
+    let mut training = TrainingSettings { steps, seed, ..TrainingSettings::default() };
+    if initial.is_some() {
+        training.learning_rate *= INITIAL_RATE;
+    }
     let note = format!(
-        "{channel:?} of {} materials, {count} lights, {dictionary_settings:?}, {stock_settings:?}, {training:?}",
-        tables.len()
+        "{channel:?} of {} materials, {count} lights, {dictionary_settings:?}, {stock_settings:?}, {training:?}{}",
+        tables.len(),
+        if initial.is_some() { ", from an initial model" } else { "" },
     );
     let start = match &resumption.start {
         Some((path, bytes)) => {
@@ -328,7 +338,7 @@ pub fn posterior(
         }
     };
     let monitor = Monitor { progress: &|share, _| progress("learning the posterior", share), keep: &keep };
-    let (mut learnt, losses) = learn(&mut stock, left_out, &training, start, &monitor)?;
+    let (mut learnt, losses) = learn(&mut stock, left_out, &training, initial.as_ref(), start, &monitor)?;
     drop(stock);
     learnt.colours = Some(colours(&learnt, lights, materials, progress)?.0);
     let provenance = format!(

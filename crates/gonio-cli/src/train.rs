@@ -3,7 +3,7 @@
 use std::cell::RefCell;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context as _, Result};
+use anyhow::{Context as _, Result, anyhow};
 use gonio::sphere::OctahedralMap;
 use gonio_app::training::{
     self, LightingSettings, Lights, Materials, PosteriorSettings, ReflectanceSettings, Resumption, TrainingError,
@@ -147,6 +147,11 @@ pub(crate) struct TrainPosteriorOptions {
     /// Leave every N-th light out of the training and report the loss on these lights
     #[arg(long, value_name = "N")]
     leave_out: Option<usize>,
+    /// Begin with the network of a model [without FILE: the embedded model]
+    ///
+    /// The training then needs fewer steps than a training from random weights.
+    #[arg(long, value_name = "FILE", num_args = 0..=1)]
+    initial: Option<Option<PathBuf>>,
     /// Continue an interrupted training run with the same settings
     ///
     /// gonio saves the state of the training to OUTPUT.checkpoint every five minutes, and removes
@@ -214,7 +219,7 @@ fn learn<T>(job: impl FnOnce(training::Progress<'_>) -> Result<T, TrainingError>
     let learnt = job(&|name, fraction| line.report(name, fraction));
     line.finish();
     learnt.map_err(|error| match error {
-        TrainingError::Setting(problem) => anyhow::anyhow!("--{problem}"),
+        TrainingError::Setting(problem) => anyhow!("--{problem}"),
         error => error.into(),
     })
 }
@@ -257,12 +262,21 @@ fn reflectance(options: &TrainReflectanceOptions) -> Result<Outcome> {
 }
 
 fn posterior(options: &TrainPosteriorOptions) -> Result<Outcome> {
+    let initial = match &options.initial {
+        None => None,
+        Some(None) => embedded()?.learnt,
+        Some(Some(path)) => {
+            let missing = || anyhow!("{}: the model has no posterior of materials", path.display());
+            Some(read_model(path)?.learnt.ok_or_else(missing)?)
+        }
+    };
     let settings = PosteriorSettings {
         channel: options.channel.of(),
         views: options.views,
         draws: options.draws,
         steps: options.steps,
         leave_out: options.leave_out,
+        initial,
         seed: options.seed,
     };
     let lights = Lights::Folder(options.lights.clone());

@@ -128,7 +128,7 @@ fn train(
     let mut stock = ScenePool::new(dictionary, maps, learning.stock);
     let progress = Progress::new("steps", learning.training.steps);
     let step = |_: f64, _: f64| progress.step();
-    let (learnt, _) = gonio_train::learn(&mut stock, None, &learning.training, None, &Monitor::new(&step))?;
+    let (learnt, _) = gonio_train::learn(&mut stock, None, &learning.training, None, None, &Monitor::new(&step))?;
     progress.finish();
     Ok(learnt)
 }

@@ -50,7 +50,7 @@ fn main() {
     });
     let training = TrainingSettings { steps: STEPS, ..TrainingSettings::default() };
     timed("8 steps of 128 photographs", || {
-        train(&mut samples, &training, None, &Monitor::new(&|_, _| ())).expect("finite losses")
+        train(&mut samples, &training, None, None, &Monitor::new(&|_, _| ())).expect("finite losses")
     });
 }
 

@@ -6,7 +6,7 @@ use gonio::reflectance::BivariateTable;
 use gonio::simulation::ScenePool;
 use rayon::prelude::*;
 
-use crate::{Checkpoint, Monitor, Photographs, TrainError, Trained, TrainingSettings, train};
+use crate::{Checkpoint, InitialPosterior, Monitor, Photographs, TrainError, Trained, TrainingSettings, train};
 
 /// Number of photographs that determine the ranges of features, at most as many as in the training.
 const RANGED: usize = 2000;
@@ -31,7 +31,7 @@ pub struct TrainingLosses {
 }
 
 /// Learns the posterior from photographs of a stock. `left_out` is a stock of lights for testing
-/// only. The training continues from `start`, if given.
+/// only. The training begins with the weights of `initial`, and continues from `start`, if given.
 ///
 /// # Errors
 /// If a setting is out of range, the training diverges, or `start` is from other settings.
@@ -39,10 +39,13 @@ pub fn learn(
     stock: &mut ScenePool,
     left_out: Option<ScenePool>,
     settings: &TrainingSettings,
+    initial: Option<&LearntPosterior>,
     start: Option<Checkpoint>,
     monitor: &Monitor<'_>,
 ) -> Result<(LearntPosterior, TrainingLosses), TrainError> {
-    let (trained, losses) = train(&mut Photographs(stock), settings, start, monitor)?;
+    let latent_space = stock.dictionary().latent_space.clone();
+    let initial = initial.map(|posterior| InitialPosterior { posterior, latent_space: &latent_space });
+    let (trained, losses) = train(&mut Photographs(stock), settings, initial.as_ref(), start, monitor)?;
     let recent = TESTED.div_ceil(settings.batch).min(settings.steps.div_ceil(10));
     let last = &losses[losses.len().saturating_sub(recent)..];
     let training = last.iter().map(|l| f64::from(*l)).sum::<f64>() / last.len().max(1) as f64;

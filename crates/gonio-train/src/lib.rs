@@ -9,6 +9,7 @@
 
 mod checkpoint;
 mod dense;
+mod initial;
 mod learn;
 mod loss;
 mod optimiser;
@@ -20,6 +21,7 @@ mod tests;
 mod train;
 
 pub use checkpoint::Checkpoint;
+pub use initial::InitialPosterior;
 pub use learn::{TrainingLosses, learn};
 pub use photographs::Photographs;
 pub use train::{MICRO_BATCH, Monitor, TrainError, Trained, TrainingSettings, train};

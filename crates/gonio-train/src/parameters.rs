@@ -88,6 +88,22 @@ impl Parameters {
         values
     }
 
+    /// Parameters with the weights of an encoder of the same shape, and random weights in all other
+    /// layers.
+    pub(crate) fn import(&self, encoder: &Encoder, seed: u64) -> Vec<f32> {
+        let mut values = self.random(seed);
+        let tensors = encoder.tensors();
+        let find = |name: String| tensors.iter().find(|tensor| tensor.0 == name).map(|tensor| tensor.2);
+        for slots in &self.slots {
+            let name = &slots.layer.name;
+            let found = find(format!("{name}.weight")).zip(find(format!("{name}.bias")));
+            if let Some((weights, bias)) = found {
+                slots.import(weights, bias, &mut values);
+            }
+        }
+        values
+    }
+
     /// Weights `[neighbourhood + 1][outputs]` of all layers, the bias last.
     pub(crate) fn weights(&self, values: &[f32]) -> Vec<Vec<f32>> {
         self.slots.par_iter().map(|slots| slots.weights(values)).collect()
@@ -153,6 +169,23 @@ impl Slots {
     /// Factor of the standardised weights of all outputs, without their gains.
     fn factor(&self, values: &[f32]) -> f32 {
         self.scale * self.skip.as_ref().map_or(1.0, |skip| values[skip.start])
+    }
+
+    /// Sets the parameters so that [`Self::weights`] returns these weights and this bias.
+    fn import(&self, weights: &[f32], bias: &[f32], values: &mut [f32]) {
+        values[self.weights.clone()].copy_from_slice(weights);
+        values[self.bias.clone()].copy_from_slice(bias);
+        let Some(gain) = &self.gain else { return };
+        // Columns of the scale of random weights: the optimiser changes them as fast.
+        let standard = Standard::of(weights, gain.len());
+        let columns = standard.columns.iter().map(|v| SILU_GAIN as f32 * v);
+        values[self.weights.clone()].iter_mut().zip(columns).for_each(|(v, column)| *v = column);
+        let mean = standard.spread.iter().sum::<f32>() / gain.len() as f32;
+        if let Some(skip) = &self.skip {
+            values[skip.start] = (mean / self.scale).max(1e-3);
+        }
+        let factor = self.factor(values);
+        values[gain.clone()].iter_mut().zip(&standard.spread).for_each(|(g, spread)| *g = spread / factor);
     }
 
     /// Weights and bias that the parameters define.

@@ -1,6 +1,7 @@
 use gonio::inference::learnt::Step;
 
 use crate::loss::contrast;
+use crate::optimiser::{Optimiser, StepSettings, one_cycle};
 use crate::train::{Batch, MicroBatch, Model};
 use crate::{Checkpoint, MICRO_BATCH, Monitor, Samples, TrainError, Trained, TrainingSettings};
 
@@ -56,7 +57,7 @@ const SMALL: Spots = Spots { side: 16, channels: 2 };
 
 /// Trains on small images, without a checkpoint.
 fn train(settings: &TrainingSettings) -> Result<Trained, TrainError> {
-    Ok(crate::train(&mut { SMALL }, settings, None, &Monitor::new(&|_, _| ()))?.0)
+    Ok(crate::train(&mut { SMALL }, settings, None, None, &Monitor::new(&|_, _| ()))?.0)
 }
 
 fn small() -> TrainingSettings {
@@ -192,14 +193,48 @@ fn a_resumed_training_gives_the_same_result() {
     let keep = |checkpoint: &dyn Fn() -> Checkpoint| kept.borrow_mut().push(checkpoint());
     let monitor = Monitor { progress: &|_, _| (), keep: &keep };
     let settings = TrainingSettings { dropout: 0.2, ..small() };
-    let (whole, losses) = crate::train(&mut { SMALL }, &settings, None, &monitor).unwrap();
+    let (whole, losses) = crate::train(&mut { SMALL }, &settings, None, None, &monitor).unwrap();
     let kept = kept.into_inner();
     assert_eq!(kept.iter().map(Checkpoint::step).collect::<Vec<_>>(), [1, 2, 3, 4]);
     for start in [&kept[1], &kept[3]] {
-        let resume = |start| crate::train(&mut { SMALL }, &settings, Some(start), &Monitor::new(&|_, _| ()));
+        let resume = |start| crate::train(&mut { SMALL }, &settings, None, Some(start), &Monitor::new(&|_, _| ()));
         let (resumed, again) = resume(start.clone()).unwrap();
         assert_eq!((&resumed.encoder, &again), (&whole.encoder, &losses));
         let other = Checkpoint { values: vec![0.0; 3], ..start.clone() };
         assert!(matches!(resume(other), Err(TrainError::Checkpoint)));
     }
+}
+
+#[test]
+fn imported_parameters_reproduce_the_encoder() {
+    let trained = train(&small()).unwrap();
+    let model = Model::new(&SMALL, &small()).unwrap();
+    let values = model.parameters.import(&trained.encoder, 5);
+    let imported = model.parameters.export(&values, &model.shape).unwrap();
+    for ((name, _, before), (_, _, after)) in trained.encoder.tensors().iter().zip(imported.tensors()) {
+        let close = before.iter().zip(after).all(|(a, b)| (a - b).abs() < 1e-4 * (1.0 + a.abs()));
+        assert!(close, "{name}");
+    }
+}
+
+#[test]
+fn regression_reaches_the_target_embeddings() {
+    let model = Model::new(&SMALL, &small()).unwrap();
+    let mut values = model.parameters.random(3);
+    let before = values.clone();
+    let places: Vec<f32> = (0..8).map(|at| uniform(at, 5)).collect();
+    let targets: Vec<f32> = (0..20).map(|at| uniform(at, 6)).collect();
+    let mut optimiser = Optimiser::new(&values);
+    for step in 0..600 {
+        let rate = 0.02 * one_cycle(f64::from(step) / 600.0) as f32;
+        let stride = StepSettings { rate, decay: 0.0, max_gradient_norm: 5.0, ema_decay: 0.0 };
+        let gradient = model.regress(&values, places.clone(), &targets);
+        optimiser.step(&mut values, &gradient, std::iter::empty(), &stride);
+    }
+    let size =
+        |values: &[f32]| model.regress(values, places.clone(), &targets).iter().map(|g| g * g).sum::<f32>().sqrt();
+    assert!(size(&values) < 0.05 * size(&before), "{} {}", size(&values), size(&before));
+    // The encoder does not change.
+    let encoder = model.layers.all().count();
+    assert_eq!(model.parameters.weights(&values)[..encoder], model.parameters.weights(&before)[..encoder]);
 }

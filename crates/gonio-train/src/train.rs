@@ -6,6 +6,7 @@ use rand_pcg::Pcg64;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+use crate::InitialPosterior;
 use crate::Samples;
 use crate::checkpoint::Checkpoint;
 use crate::dense::{Dense, DenseTrace};
@@ -88,6 +89,9 @@ pub enum TrainError {
     /// The checkpoint is from a training with other settings.
     #[error("the checkpoint belongs to a training with other settings")]
     Checkpoint,
+    /// The initial posterior has another network.
+    #[error("the initial model has a network of another shape")]
+    Initial,
     /// The encoder cannot be built or exported.
     #[error(transparent)]
     Encoder(#[from] EncoderError),
@@ -133,7 +137,7 @@ const ROWS: usize = 128;
 /// arbitrarily large.
 const MAX_COORDINATE: f32 = 8.0;
 
-fn bounded(places: &[f32]) -> Vec<f32> {
+pub(crate) fn bounded(places: &[f32]) -> Vec<f32> {
     places.iter().map(|z| z.clamp(-MAX_COORDINATE, MAX_COORDINATE)).collect()
 }
 
@@ -313,6 +317,19 @@ impl Model {
         }
     }
 
+    /// Gradient of the mean square difference between the embeddings of materials and `targets`,
+    /// with respect to all parameters. Those of the encoder have gradient zero.
+    pub(crate) fn regress(&self, values: &[f32], places: Vec<f32>, targets: &[f32]) -> Vec<f32> {
+        let images = self.layers.all().count();
+        let weights = self.parameters.weights(values);
+        let trace = self.materials.forward(places, &weights[images..], &[]);
+        let scale = 2.0 / targets.len() as f32;
+        let back = trace.outputs().iter().zip(targets).map(|(found, target)| scale * (found - target)).collect();
+        let mut gradients: Vec<Vec<f32>> = weights[..images].iter().map(|w| vec![0.0; w.len()]).collect();
+        gradients.extend(self.materials.backward(trace, back, &weights[images..], &[]).0);
+        self.parameters.backward(values, &gradients)
+    }
+
     fn finish(mut self, values: Vec<f32>, others: Vec<f32>) -> Result<Trained, TrainError> {
         let encoder = self.parameters.export(&values, &self.shape)?;
         let weights = self.parameters.weights(&values).split_off(self.layers.all().count());
@@ -350,20 +367,26 @@ impl<'a> Monitor<'a> {
 /// Fits an encoder and the embedding of materials to the samples.
 ///
 /// Step `i` uses the samples from `i * batch` on, and contrasts their materials with those of the
-/// `settings.others` preceding samples. The training continues from `start`, if given, with the
-/// same result. Also returns the loss of each step. The training runs on the threads of rayon's
-/// pool. The result depends on the seed, but not on the number of threads.
+/// `settings.negatives` preceding samples. The training begins with the weights of `initial`, if
+/// given. It continues from `start`, if given, with the same result. Also returns the loss of each
+/// step. The training runs on the threads of rayon's pool. The result depends on the seed, but not
+/// on the number of threads.
 ///
 /// # Errors
-/// If a setting is out of range, the loss is not finite, or `start` is from other settings.
+/// If a setting is out of range, the loss is not finite, `start` is from other settings, or
+/// `initial` has another network.
 pub fn train(
     samples: &mut dyn Samples,
     settings: &TrainingSettings,
+    initial: Option<&InitialPosterior<'_>>,
     start: Option<Checkpoint>,
     monitor: &Monitor<'_>,
 ) -> Result<(Trained, Vec<f32>), TrainError> {
     let model = Model::new(samples, settings)?;
-    let mut values = model.parameters.random(settings.seed);
+    let mut values = match (initial, &start) {
+        (Some(initial), None) => initial.parameters(&model, settings.seed)?,
+        _ => model.parameters.random(settings.seed),
+    };
     let mut optimiser = Optimiser::new(&values);
     let (mut others, mut losses): (Vec<f32>, Vec<f32>) = (Vec::new(), Vec::new());
     let mut first_step = 0;

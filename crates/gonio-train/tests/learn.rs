@@ -62,7 +62,7 @@ fn embeddings_identify_the_materials_of_new_photographs() {
     let mut stock = stock(4);
     assert_eq!(stock.scenes(), 3 * 12);
     let monitor = Monitor::new(&|_, _| ());
-    let (posterior, losses) = learn(&mut stock, Some(other(4)), &settings(60), None, &monitor).unwrap();
+    let (posterior, losses) = learn(&mut stock, Some(other(4)), &settings(60), None, None, &monitor).unwrap();
     assert!(losses.training < -0.5 && losses.new_scenes < -0.1, "{losses:?}");
     // Four lights are too few to generalise to other lights.
     assert!(losses.new_lights.unwrap() > losses.new_scenes, "{losses:?}");
@@ -89,11 +89,43 @@ fn the_encoder_does_not_depend_on_the_number_of_threads() {
     let run = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| {
-            let (trained, _) =
-                gonio_train::train(&mut Photographs(&mut stock(1)), &settings(2), None, &Monitor::new(&|_, _| ()))
-                    .unwrap();
+            let (trained, _) = gonio_train::train(
+                &mut Photographs(&mut stock(1)),
+                &settings(2),
+                None,
+                None,
+                &Monitor::new(&|_, _| ()),
+            )
+            .unwrap();
             trained.encoder
         })
     };
     assert_eq!(run(1), run(3));
+}
+
+#[test]
+fn a_training_begins_with_an_initial_posterior() {
+    let short = TrainingSettings { steps: 1, learning_rate: 1e-9, ..settings(1) };
+    let monitor = Monitor::new(&|_, _| ());
+    let mut stock = stock(4);
+    let (first, _) = learn(&mut stock, None, &settings(20), None, None, &monitor).unwrap();
+    let mut train = |initial| learn(&mut stock, None, &short, initial, None, &monitor).unwrap().0;
+    let (random, continued) = (train(None), train(Some(&first)));
+    // The encoder and the embeddings of materials are those of the first training.
+    let photograph = stock.photograph(1 << 41).image;
+    let [of_first, of_random, of_continued] =
+        [&first, &random, &continued].map(|posterior| posterior.encode(&photograph).embedding);
+    let distance = |a: &[f32], b: &[f32]| a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f32>().sqrt();
+    let size = distance(&of_first, &vec![0.0; of_first.len()]);
+    assert!(distance(&of_first, &of_continued) < 1e-2 * size && distance(&of_first, &of_random) > 0.3 * size);
+    let products = |posterior: &gonio::inference::learnt::LearntPosterior| -> Vec<f32> {
+        let materials = posterior.measured.embeddings.iter();
+        materials.map(|m| m.iter().zip(&of_first).map(|(a, b)| a * b).sum()).collect()
+    };
+    let (before, after) = (products(&first), products(&continued));
+    let spread = distance(&before, &vec![0.0; before.len()]);
+    assert!(distance(&before, &after) < 0.2 * spread, "{before:?} {after:?}");
+    let other = TrainingSettings { hidden: vec![16], ..short };
+    let problem = learn(&mut stock, None, &other, Some(&first), None, &monitor).unwrap_err();
+    assert!(matches!(problem, gonio_train::TrainError::Initial), "{problem}");
 }

@@ -87,7 +87,7 @@ pub(crate) struct InferOptions {
     /// 8,600 normals, 10 basis functions, random starts, and Algorithm 1 as printed, which often
     /// does not converge.
     #[arg(long, help_heading = METHOD, conflicts_with_all = [
-        "method", "solver", "grid", "model", "light", "mirror_ball", "normals", "mesh", "materials", "full_rows",
+        "method", "solver", "grid", "model", "light", "mirror_ball", "normals", "mesh", "regions", "full_rows",
     ])]
     paper: bool,
     /// Number of random starts of the paper's methods [default: 4]

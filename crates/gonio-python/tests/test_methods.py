@@ -43,7 +43,7 @@ def test_the_setup_of_the_paper_and_a_known_light(small):
 
 # Options of the program with another name in Python; None if the Python function does not need them.
 ELSEWHERE = {
-    "infer": {"no-align": "align", "mesh": "shape", "materials": "infer_regions", "no-shadows": "shadows", "paper": "method", "no-report": "report", "no-pictures": "pictures", "output": None},
+    "infer": {"no-align": "align", "mesh": "shape", "regions": "infer_regions", "no-shadows": "shadows", "paper": "method", "no-report": "report", "no-pictures": "pictures", "output": None},
     "check": {"no-align": "align", "mesh": "shape", "circle": "circles", "output": None},
     "merge": {"no-align": "align", "layer": None, "output": None, "save-response": None},
     "light": {"no-align": "align", "output": None},

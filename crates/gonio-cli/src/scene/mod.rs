@@ -52,8 +52,8 @@ pub(crate) struct SceneOptions {
     ///
     /// Each region has its own index or colour; the rest is black. gonio estimates one BRDF per
     /// region.
-    #[arg(long, value_name = "LABELS", help_heading = FINDING)]
-    pub(crate) materials: Option<PathBuf>,
+    #[arg(long, alias = "materials", value_name = "LABELS", help_heading = FINDING)]
+    pub(crate) regions: Option<PathBuf>,
     /// Also use pixels of another colour or of a second paint, and small spots such as dust
     ///
     /// By default, gonio ignores those that it can distinguish from reflections.
@@ -115,7 +115,7 @@ impl SceneOptions {
 
     /// Returns the regions of several materials, if the options specify them.
     pub(crate) fn regions(&self) -> Option<Regions> {
-        let labels = self.materials.clone().map(|labels| Regions::Labels(Source::File(labels)));
+        let labels = self.regions.clone().map(|labels| Regions::Labels(Source::File(labels)));
         labels.or_else(|| (self.circle.len() > 1).then(|| Regions::Circles(self.circle.clone())))
     }
 
@@ -152,8 +152,8 @@ impl SceneOptions {
             bail!("--circle is the outline of a ball; with --shape outline, use --mask or automatic detection");
         }
         if self.circle.len() > 1 {
-            if self.materials.is_some() {
-                bail!("--materials and several --circle options both define the regions; use only one of them");
+            if self.regions.is_some() {
+                bail!("--regions and several --circle options both define the regions; use only one of them");
             }
             if self.mask.is_some() {
                 bail!("--mask and several --circle options both define the balls; use only one of them");

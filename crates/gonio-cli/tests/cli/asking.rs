@@ -61,8 +61,8 @@ fn rejects_options_that_the_method_does_not_use() {
             "--mask and several --circle options both define the balls",
         ),
         (
-            "--circle 14,24,9 --circle 34,24,9 --materials labels.png",
-            "--materials and several --circle options both define the regions",
+            "--circle 14,24,9 --circle 34,24,9 --regions labels.png",
+            "--regions and several --circle options both define the regions",
         ),
         ("--circle 14,24,9 --circle 34,24,9 --keep-colors", "--keep-colors applies to photographs of one material"),
         // The range of the grid is the same for all methods.

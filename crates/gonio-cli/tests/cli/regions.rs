@@ -51,7 +51,7 @@ fn separates_balls_that_do_not_touch() {
 fn labels_name_the_regions() {
     let bench = Bench::with_ball();
     bench.write("labels.png", &labels(SIZE, SIZE));
-    bench.run_with("infer ball.exr -o out --grid 8 --materials labels.png", &WITH_PAGES).succeeds();
+    bench.run_with("infer ball.exr -o out --grid 8 --regions labels.png", &WITH_PAGES).succeeds();
     assert_eq!(bench.names("out"), ["00ff00", "ff0000", "materials.png", "report.html", "result.json"]);
     let page = String::from_utf8(bench.read("out/report.html")).unwrap();
     assert!(page.contains("./ff0000/report.html"));
@@ -72,7 +72,7 @@ fn rejects_invalid_labels() {
         bench.refuses(&format!("infer ball.exr -o out --materials {labels}"), &[message]);
     }
     bench.write("labels.png", &labels(SIZE, SIZE));
-    bench.refuses("infer ball.exr -o out --materials labels.png --method joint-map", &["several materials"]);
+    bench.refuses("infer ball.exr -o out --regions labels.png --method joint-map", &["several materials"]);
 }
 
 #[test]
@@ -97,7 +97,7 @@ fn rejects_masks_of_another_aspect_ratio() {
     let bench = Bench::with_ball();
     bench.write("small.png", &encode_png(&Plane::from_fn(SIZE / 2, SIZE, |_, _| Vec3::ONE)));
     bench.write("labels.png", &labels(SIZE, SIZE));
-    for options in ["", "--materials labels.png"] {
+    for options in ["", "--regions labels.png"] {
         bench.refuses(&format!("infer ball.exr -o out --mask small.png {options}"), &["small.png: the mask is"]);
     }
 }

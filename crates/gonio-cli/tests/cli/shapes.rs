@@ -222,7 +222,7 @@ fn inflates_outlines() {
         ("--shape outline --camera camera.json", "outline and camera cannot be combined"),
         ("--normals n.exr --normals-error 50", "expected an angle from 0 to 45 degrees"),
         ("--normals n.exr --normals-error 5 --depth d.exr", "cannot be used with"),
-        ("--shape outline --materials bunny.exr", "an outline cannot be inflated for each region"),
+        ("--shape outline --regions bunny.exr", "an outline cannot be inflated for each region"),
     ] {
         bench.run(&format!("infer bunny.exr {line} -o none")).fails(&[problem]);
     }

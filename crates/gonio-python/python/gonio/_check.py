@@ -57,7 +57,7 @@ def check(
     shape: Shape = "sphere",
     mask: Picture | None = None,
     *,
-    materials: Picture | None = None,
+    regions: Picture | None = None,
     circles: Sequence[tuple[float, float, float]] | None = None,
     progress: Progress | None = None,
     **options: Any,
@@ -68,7 +68,7 @@ def check(
     ----------
     image, shape, mask
         See :func:`infer`.
-    materials, circles
+    regions, circles
         Several regions or balls, as for :func:`infer_regions`.
     progress : callable, optional
         Called in this thread with the name of a stage and its completed fraction.
@@ -103,8 +103,8 @@ def check(
     listener(progress)
     messages: list[str] = []
     scene = given_scene(image, {**options, "shape": shape, "mask": mask}, messages)
-    regions = given_regions(materials, circles) if materials is not None or circles is not None else None
-    found = _gonio.check(scene, regions, {"progress": progress, "poll": None})
+    places = given_regions(regions, circles) if regions is not None or circles is not None else None
+    found = _gonio.check(scene, places, {"progress": progress, "poll": None})
     messages += found["warnings"]
     for message in messages:
         warnings.warn(message, GonioWarning, stacklevel=2)

@@ -23,27 +23,27 @@ def _labels(given: Picture) -> str | Floats:
     """Converts labels to colours; an index is stored in all three channels."""
     if is_path(given):
         return os.fspath(cast(Path, given))
-    array = array_of(cast(Array, given), "materials", indices=True)
+    array = array_of(cast(Array, given), "regions", indices=True)
     whole_numbers = array.dtype.kind in "iub" and array.ndim in (2, 3) and array.size > 0
     if not whole_numbers or array.min() < 0 or array.max() > 255:
-        raise GonioError("materials: must be integers from 0 to 255 of shape (height, width) or (height, width, 3)")
+        raise GonioError("regions: must be integers from 0 to 255 of shape (height, width) or (height, width, 3)")
     colours = array if array.ndim == 3 else np.repeat(array[:, :, np.newaxis], 3, axis=2)
     return floats(colours / np.float32(255))
 
 
-def given_regions(materials: Picture | None, circles: Sequence[tuple[float, float, float]] | None) -> GivenRegions:
+def given_regions(labels: Picture | None, circles: Sequence[tuple[float, float, float]] | None) -> GivenRegions:
     """Converts the positions of regions for the extension."""
-    if materials is not None and circles is not None:
-        raise GonioError("materials and circles both define the regions; use only one of them")
+    if labels is not None and circles is not None:
+        raise GonioError("regions and circles both define the regions; use only one of them")
     return {
-        "labels": None if materials is None else _labels(materials),
+        "labels": None if labels is None else _labels(labels),
         "circles": None if circles is None else [circle(one, "circles") for one in circles],
     }
 
 
 def infer_regions(
     image: Photograph,
-    materials: Picture | None = None,
+    regions: Picture | None = None,
     *,
     circles: Sequence[tuple[float, float, float]] | None = None,
     **options: Any,
@@ -54,12 +54,12 @@ def infer_regions(
     ----------
     image : path, array, bytes, open file, or list of paths
         The photograph, as for :func:`gonio.infer`.
-    materials : path or array, optional
+    regions : path or array, optional
         Label image with one index or colour per region and 0 elsewhere: integers of shape (height,
         width) or (height, width, 3). ``options`` specify the shape of the object, as for a single
         material.
     circles : sequence of (float, float, float), optional
-        Outlines of several balls (x, y and radius in pixels), instead of ``materials``. Without
+        Outlines of several balls (x, y and radius in pixels), instead of ``regions``. Without
         both, separate balls are detected.
     **options
         Arguments of :func:`gonio.infer`.
@@ -84,13 +84,13 @@ def infer_regions(
     """
     check_arguments(options, infer, "infer_regions")
     given = {**defaults(infer), **options, "image": image}
-    regions = given_regions(materials, circles)
+    places = given_regions(regions, circles)
     if circles is not None and given["mask"] is not None:
         raise GonioError("circles and mask both define the balls; use only one of them")
     if given["keep_colors"]:
         raise GonioError("keep_colors applies to photographs of one material; with regions, gonio uses all colours")
     scene, settings, model, messages = prepared(given)
-    found = _gonio.infer_regions(scene, regions, settings, model, {"progress": given["progress"], "poll": None})
+    found = _gonio.infer_regions(scene, places, settings, model, {"progress": given["progress"], "poll": None})
     out = {name: Posterior(values, f"{stem_of(image)}-{name}") for name, values in found}
     for message in messages + [f"region {name}: {message}" for name, posterior in out.items() for message in posterior.warnings]:
         warnings.warn(message, GonioWarning, stacklevel=2)

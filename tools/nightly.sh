@@ -21,7 +21,7 @@ fi
 
 echo "== measured materials"
 if [ -n "${GONIO_DATA:-}" ]; then
-    cargo test -p gonio-eval -p shared-features --test eval -- --ignored
+    cargo test -p gonio-eval -p shared-features -- --ignored
 else
     echo "not run: GONIO_DATA is not set"
 fi

@@ -1,11 +1,13 @@
 //! Measures neutral references, which determine the colour of the light and the scale of
 //! reflectance.
 
+use glam::Vec3;
 use gonio::estimate::{ALBEDO, ColouringRule};
 use gonio::lighting::LightGrid;
 use gonio::picture::{Picture, Plane};
 use gonio::reference::{
-    AbsoluteScale, ChartReading, Corners, PatchReading, ReferenceError, ReferenceLight, check_apart, disk, find_chart,
+    AbsoluteScale, BallReading, ChartReading, Corners, PatchReading, ReferenceError, ReferenceLight, check_apart, disk,
+    find_chart,
 };
 use gonio::scene::{Circle, Detection};
 use gonio::suggestion::Suggestion;
@@ -16,7 +18,7 @@ use crate::{AppError, ColourMode, Source, Warning};
 
 /// Default reflectance of a white patch; white patches of charts and white cards have 0.88 to 0.92.
 pub const WHITE_REFLECTANCE: f64 = 0.9;
-/// Default reflectance of a grey card.
+/// Default reflectance of a grey card and of a grey ball.
 pub const GREY_REFLECTANCE: f64 = 0.18;
 
 /// Tilt in radians above which a chart does not determine the scale: foreshortening of 18 %.
@@ -49,6 +51,8 @@ pub enum ReferenceTarget {
     White(Circle),
     /// A grey card: the pixels where a mask is above one half.
     GreyCard(Source<Plane<f32>>),
+    /// A matte grey ball with this outline.
+    GreyBall(Circle),
     /// A 24-patch ColorChecker Classic with the centres of its corner patches; without them the
     /// chart is detected.
     Chart(Option<Corners>),
@@ -104,6 +108,7 @@ impl Reference {
                 patch(ReferenceKind::GreyCard, region, GREY_REFLECTANCE)
                     .map_err(|error| to_error(error).within(&of_mask))
             }
+            ReferenceTarget::GreyBall(circle) => self.grey_ball(rgb, *circle, clip, detection).map_err(to_error),
             ReferenceTarget::Chart(corners) => {
                 let read = match corners {
                     Some(corners) => ChartReading::of(rgb, corners, clip),
@@ -114,6 +119,31 @@ impl Reference {
                 Ok(self.chart(name, &read, warnings))
             }
         }
+    }
+
+    fn grey_ball(
+        &self,
+        rgb: &Plane<Vec3>,
+        circle: Circle,
+        clip: Option<f32>,
+        detection: &Detection,
+    ) -> Result<MeasuredReference, ReferenceError> {
+        let region = disk(rgb.size(), (circle.x, circle.y), circle.radius)?;
+        check_apart(&region, |x, y| detection.contains(x, y))?;
+        let read = BallReading::of(rgb, &circle, clip)?;
+        let reflectance = self.reflectance.unwrap_or(GREY_REFLECTANCE);
+        let light = read.light(reflectance)?;
+        let BallReading { centre, mean, pixels, clipped, residual } = read;
+        let kind = ReferenceKind::GreyBall {
+            circle: [circle.x, circle.y, circle.radius],
+            reflectance,
+            centre: centre.to_array(),
+            mean: mean.to_array(),
+            pixels,
+            clipped,
+            residual,
+        };
+        Ok(MeasuredReference { light, gives_scale: !self.colour_only, kind })
     }
 
     fn chart(&self, name: &str, read: &ChartReading, warnings: &mut Vec<Warning>) -> MeasuredReference {

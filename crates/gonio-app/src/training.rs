@@ -202,7 +202,7 @@ pub fn lighting(
     let prior = LightPrior::learn(&grids, count, &settings)
         .map_err(|error| TrainingError::Data(lights.name(), error.to_string()))?;
     let provenance = format!(
-        "light prior by gonio {} from {count} maps at {turns} azimuths each, {}grid {grid}, seed {seed}",
+        "{LIGHT_PRIOR} by gonio {} from {count} maps at {turns} azimuths each, {}grid {grid}, seed {seed}",
         env!("CARGO_PKG_VERSION"),
         cap.map_or_else(String::new, |cap| format!("cut off at {cap} times their mean, ")),
     );
@@ -235,7 +235,7 @@ pub fn reflectance(
         .map_err(|error| TrainingError::Data(materials.name(), error.to_string()))?;
     progress("factorising", 1.0);
     let provenance = format!(
-        "reflectance basis by gonio {} from the {channel:?} channel of {count} materials, rank {rank}, {restarts} starts, seed {seed}",
+        "{REFLECTANCE_BASIS} by gonio {} from the {channel:?} channel of {count} materials, rank {rank}, {restarts} starts, seed {seed}",
         env!("CARGO_PKG_VERSION"),
     );
     Ok((basis, report, provenance))
@@ -420,6 +420,17 @@ fn decode_checkpoint(path: &Path, bytes: &[u8]) -> Result<(String, Checkpoint), 
 
 /// Start of the note on the origin of the colour model.
 const COLOURS: &str = "colours by gonio";
+
+/// Start of the note on the origin of a light prior.
+pub const LIGHT_PRIOR: &str = "light prior";
+
+/// Start of the note on the origin of a reflectance basis.
+pub const REFLECTANCE_BASIS: &str = "reflectance basis";
+
+/// Returns the note of a model on the origin of the part whose note has this start.
+pub fn provenance_of(model: &Model, start: &str) -> String {
+    model.provenance.split("; ").find(|part| part.starts_with(start)).unwrap_or_default().to_owned()
+}
 
 /// Joins the parts, each with the note on its origin, into a model.
 ///

@@ -100,6 +100,7 @@ fn describe_reference(reference: &MeasuredReference) -> String {
     let (kind, corners) = match reference.section(None).kind {
         ReferenceKind::WhitePatch(_) => ("white patch", None),
         ReferenceKind::GreyCard(_) => ("grey card", None),
+        ReferenceKind::GreyBall { .. } => ("grey ball", None),
         ReferenceKind::ColourChart { corners, .. } => ("colour chart", Some(corners)),
     };
     let corners = corners.map_or_else(String::new, |corners| {

@@ -183,12 +183,12 @@ pub(crate) struct TrainColoursOptions {
 /// Options of `gonio train model`.
 #[derive(clap::Args)]
 pub(crate) struct TrainModelOptions {
-    /// Output of gonio train lighting
+    /// Output of gonio train lighting [default: of the embedded model]
     #[arg(long)]
-    lighting: PathBuf,
-    /// Output of gonio train reflectance
+    lighting: Option<PathBuf>,
+    /// Output of gonio train reflectance [default: of the embedded model]
     #[arg(long)]
-    reflectance: PathBuf,
+    reflectance: Option<PathBuf>,
     /// Output of gonio train posterior, which gonio infer --method learnt requires
     #[arg(long)]
     posterior: Option<PathBuf>,
@@ -329,8 +329,17 @@ fn recolour(options: &TrainColoursOptions) -> Result<Outcome> {
 }
 
 fn join(options: &TrainModelOptions) -> Result<Outcome> {
-    let light = read_lighting(&options.lighting)?;
-    let reflectance = read_reflectance(&options.reflectance)?;
+    let base = embedded()?;
+    let [of_light, of_reflectance] =
+        [training::LIGHT_PRIOR, training::REFLECTANCE_BASIS].map(|part| training::provenance_of(&base, part));
+    let light = match &options.lighting {
+        Some(path) => read_lighting(path)?,
+        None => (base.light, of_light),
+    };
+    let reflectance = match &options.reflectance {
+        Some(path) => read_reflectance(path)?,
+        None => (base.reflectance, of_reflectance),
+    };
     let posterior = options.posterior.as_ref().map(read_posterior).transpose()?;
     let model = training::join(light, reflectance, posterior)?;
     write_file(&options.output, &encode_model(&model))?;

@@ -18,7 +18,7 @@ use gonio::inference::learnt::peak_to_body;
 use gonio::reflectance::{BivariateTable, THETA_D, brdf_scale, theta_d_of, theta_h_of, trusted_cells};
 
 use crate::colour::{ColourEstimator, Subject, photographs, subjects};
-use crate::data::Lights;
+use crate::data::{Lights, ModelOption};
 
 /// Ends of the bands of half angle, in degrees.
 pub(crate) const BANDS: [f64; 7] = [0.0, 4.0, 10.0, 20.0, 35.0, 55.0, 80.0];
@@ -37,6 +37,8 @@ const DARK: f64 = 1e-3;
 /// Options of `gonio-eval calibration`.
 #[derive(clap::Args)]
 pub(crate) struct CalibrationOptions {
+    #[command(flatten)]
+    model: ModelOption,
     /// Lights of the photographs
     #[arg(
         long,
@@ -101,7 +103,7 @@ const CELL_STEP: usize = 7;
 const GROUPS: [&str; 3] = ["measured_extra", "rgl", "formulas"];
 
 pub(crate) fn run(data: &Path, options: &CalibrationOptions) -> Result<()> {
-    let model = gonio_io::model::embedded()?;
+    let model = options.model.read()?;
     let subjects: Vec<Subject> =
         subjects(data)?.into_iter().skip(options.first).step_by(options.every as usize).collect();
     let lights = if options.test { Lights::open(data)? } else { Lights::training(data)? };

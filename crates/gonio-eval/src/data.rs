@@ -5,7 +5,26 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use gonio::lighting::EnvironmentMap;
+use gonio::model::Model;
 use gonio::render::LightTree;
+
+/// Option for the model of a measurement.
+#[derive(clap::Args)]
+pub(crate) struct ModelOption {
+    /// Model to use instead of the embedded one
+    #[arg(long, value_name = "FILE")]
+    model: Option<PathBuf>,
+}
+
+impl ModelOption {
+    /// Reads the model.
+    pub(crate) fn read(&self) -> Result<Model> {
+        Ok(match &self.model {
+            Some(path) => gonio_io::model::read_model(path)?,
+            None => gonio_io::model::embedded()?,
+        })
+    }
+}
 
 /// Reads an environment map.
 pub(crate) fn read_map(path: &Path) -> Result<EnvironmentMap> {

@@ -8,7 +8,7 @@
 
 use std::borrow::Cow;
 use std::fmt::Write as _;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use anyhow::{Context, Result};
 use glam::Vec3;
@@ -25,15 +25,14 @@ use gonio::scene::{Detection, Object, ObservationSettings, Observations};
 
 use crate::bench::DRAFT;
 use crate::colour::{RELIT_NORMALS, picture, points};
-use crate::data::Lights;
+use crate::data::{Lights, ModelOption};
 use crate::metrics::{brdf_error, coverage, luminances, mean, median, relight, relight_rgb};
 
 /// Options of `gonio-eval multi-view`.
 #[derive(clap::Args)]
 pub(crate) struct MultiViewOptions {
-    /// Model that was not learnt from the materials [default: the embedded model]
-    #[arg(long, value_name = "FILE")]
-    model: Option<PathBuf>,
+    #[command(flatten)]
+    model: ModelOption,
     /// Test lights of the photographs; each material is photographed in all of them
     #[arg(long, value_delimiter = ',', default_value = "debevec_stpeters,debevec_grace,debevec_rnl,noon_grass")]
     lights: Vec<String>,
@@ -154,10 +153,7 @@ impl One {
 }
 
 pub(crate) fn run(data: &Path, options: &MultiViewOptions) -> Result<()> {
-    let model = match &options.model {
-        Some(path) => gonio_io::model::read_model(path)?,
-        None => gonio_io::model::embedded()?,
-    };
+    let model = options.model.read()?;
     let lights = Lights::open(data)?;
     let maps: Vec<EnvironmentMap> = options.lights.iter().map(|name| lights.map(name)).collect::<Result<_>>()?;
     let mut materials = crate::out_of_domain::rgl_tables(&data.join("rgl"))?;

@@ -21,7 +21,7 @@ use rand::{Rng, RngExt};
 use rand_distr::{Distribution, StandardNormal};
 
 use crate::bench::Progress;
-use crate::data::Lights;
+use crate::data::{Lights, ModelOption};
 use crate::metrics::{mean, median};
 
 /// Options of `gonio-eval patterns`.
@@ -30,9 +30,8 @@ pub(crate) struct PatternsOptions {
     /// Folder for `patterns.csv`, one line for each photograph
     #[arg(short, long)]
     out: PathBuf,
-    /// Model to use instead of the embedded one
-    #[arg(long, value_name = "FILE")]
-    model: Option<PathBuf>,
+    #[command(flatten)]
+    model: ModelOption,
     /// Use training lights and materials of the database instead of test lights and other materials
     #[arg(long)]
     training: bool,
@@ -183,10 +182,7 @@ pub(crate) fn run(data: &Path, options: &PatternsOptions) -> Result<()> {
     let folder = data.join(if options.training { "merl" } else { "measured_extra" });
     let materials = gonio_io::bivariate::read_bivariate_set(&folder)?;
     let lights = if options.training { Lights::training(data)? } else { Lights::open(data)? };
-    let model = match &options.model {
-        Some(path) => gonio_io::model::read_model(path)?,
-        None => gonio_io::model::embedded()?,
-    };
+    let model = options.model.read()?;
     std::fs::create_dir_all(&options.out).with_context(|| options.out.display().to_string())?;
     let materials: Vec<_> = materials.into_iter().step_by(usize::from(options.every)).collect();
     let names = lights.names();

@@ -4,17 +4,18 @@
 //! are those outside of the MERL database (`DATA/rgl` and formulas), lights are the test lights.
 
 use std::f64::consts::PI;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use anyhow::Result;
-use glam::DVec3;
+use glam::{DQuat, DVec3};
+use gonio::colour::mean_irradiance;
 use gonio::estimate::{ColouringRule, EstimateSettings, estimate, irradiance};
 use gonio::reference::ReferenceLight;
 use gonio::reflectance::BivariateTable;
 use gonio::sphere::OctahedralMap;
 
-use crate::data::Lights;
-use crate::metrics::{mean, median};
+use crate::data::{Lights, ModelOption};
+use crate::metrics::mean;
 use crate::multi_view::photograph;
 
 /// Rows to which an environment map is reduced, and texels along a side of the grid of its
@@ -24,9 +25,8 @@ const GRID: (usize, usize) = (512, 128);
 /// Options of `gonio-eval scales`.
 #[derive(clap::Args)]
 pub(crate) struct ScalesOptions {
-    /// Model to use instead of the embedded one
-    #[arg(long, value_name = "FILE")]
-    model: Option<PathBuf>,
+    #[command(flatten)]
+    model: ModelOption,
     /// Test lights of the photographs; each material is photographed in all of them
     #[arg(
         long,
@@ -37,40 +37,44 @@ pub(crate) struct ScalesOptions {
 }
 
 pub(crate) fn run(data: &Path, options: &ScalesOptions) -> Result<()> {
-    let model = match &options.model {
-        Some(path) => gonio_io::model::read_model(path)?,
-        None => gonio_io::model::embedded()?,
-    };
+    let model = options.model.read()?;
     let lights = Lights::open(data)?;
     let settings = EstimateSettings { colouring: ColouringRule::Grey, ..EstimateSettings::default() };
-    let mut errors = Vec::new();
+    let (mut of_patch, mut of_ball) = (Vec::new(), Vec::new());
     for (name, truth) in materials(data)? {
         for light in &options.lights {
             let map = lights.map(light)?;
-            let true_light = irradiance(&map.reduced(GRID.0).to_grid(OctahedralMap::EqualArea, GRID.1));
             let found = estimate(&model, &photograph(&truth, &map)?, &settings, &|_| ())?;
-            let reference = ReferenceLight { white: DVec3::splat(true_light / PI), log_sd: 0.0 };
-            let Some(scale) = reference.scale(&found.light.grid) else { continue };
-            let error = (scale.factor * found.material.table.normal_albedo() / truth.normal_albedo()).ln();
-            println!("{name}, {light}: {:.3} of the albedo", error.exp());
-            errors.push(error);
+            let true_light = map.reduced(GRID.0).to_grid(OctahedralMap::EqualArea, GRID.1);
+            let white = DVec3::splat(irradiance(&true_light) / PI);
+            let ball = Some(mean_irradiance(&true_light, DQuat::IDENTITY) / PI);
+            let error = |ball| {
+                let scale = ReferenceLight { white, ball, log_sd: 0.0 }.scale(&found.light.grid)?;
+                Some((scale.factor * found.material.table.normal_albedo() / truth.normal_albedo()).ln())
+            };
+            let (Some(patch), Some(ball)) = (error(None), error(ball)) else { continue };
+            println!("{name}, {light}: {:.3} of the albedo by a patch, {:.3} by a ball", patch.exp(), ball.exp());
+            of_patch.push(patch);
+            of_ball.push(ball);
         }
     }
-    let off = |share: f64| {
+    println!();
+    for (reference, errors) in [("patch", of_patch), ("ball", of_ball)] {
         let mut sorted: Vec<f64> = errors.iter().map(|error: &f64| error.abs()).collect();
         sorted.sort_by(f64::total_cmp);
-        sorted.get((share * sorted.len() as f64) as usize).map_or(f64::NAN, |error| 100.0 * (error.exp() - 1.0))
-    };
-    println!(
-        "\n{} photographs: the albedo is off by {:.1} % in the median, by {:.1} % in nine of ten; logarithm: median {:.3}, mean {:.3}, \
-         root mean square {:.3}",
-        errors.len(),
-        off(0.5),
-        off(0.9),
-        median(errors.clone()),
-        mean(&errors),
-        mean(&errors.iter().map(|error| error * error).collect::<Vec<_>>()).sqrt(),
-    );
+        let off = |share: f64| {
+            sorted.get((share * sorted.len() as f64) as usize).map_or(f64::NAN, |error| 100.0 * (error.exp() - 1.0))
+        };
+        println!(
+            "{reference}, {} photographs: the albedo is off by {:.1} % in the median, by {:.1} % in nine of ten; logarithm: \
+             mean {:.3}, root mean square {:.3}",
+            errors.len(),
+            off(0.5),
+            off(0.9),
+            mean(&errors),
+            mean(&errors.iter().map(|error| error * error).collect::<Vec<_>>()).sqrt(),
+        );
+    }
     Ok(())
 }
 

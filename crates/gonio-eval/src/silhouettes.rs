@@ -24,7 +24,7 @@ use rand::{Rng, RngExt};
 use rand_distr::{Distribution, StandardNormal};
 
 use crate::bench::{ACCURACY, Progress, TestSphere};
-use crate::data::Lights;
+use crate::data::{Lights, ModelOption};
 use crate::materials::Materials;
 use crate::metrics::{coverage, mean, median};
 
@@ -34,9 +34,8 @@ pub(crate) struct SilhouettesOptions {
     /// Folder for `silhouettes.csv`, one line for each estimate
     #[arg(short, long)]
     out: PathBuf,
-    /// Model to use instead of the embedded one
-    #[arg(long, value_name = "FILE")]
-    model: Option<PathBuf>,
+    #[command(flatten)]
+    model: ModelOption,
     /// Lights of the photographs
     #[arg(long, value_delimiter = ',', default_value = "debevec_stpeters,debevec_grace,debevec_rnl")]
     lights: Vec<String>,
@@ -206,10 +205,7 @@ pub(crate) fn run(data: &Path, options: &SilhouettesOptions) -> Result<()> {
     let materials = Materials::open(data, None)?.with_out_of_domain(data)?;
     let lights = if options.training { Lights::training(data)? } else { Lights::open(data)? };
     let relit_lights = Lights::open(data)?;
-    let model = match &options.model {
-        Some(path) => gonio_io::model::read_model(path)?,
-        None => gonio_io::model::embedded()?,
-    };
+    let model = options.model.read()?;
     let range = if options.training { materials.database() } else { materials.out_of_domain() };
     let subjects: Vec<(String, BivariateTable)> = range
         .step_by(usize::from(options.every))

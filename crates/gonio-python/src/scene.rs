@@ -138,13 +138,14 @@ struct ShapeArg<'py> {
     depth_axis: Option<f64>,
 }
 
-/// A neutral reference in a photograph: `white`, `grey_card`, or else a chart. The chart is
-/// detected if `corners` is empty.
+/// A neutral reference in a photograph: `white`, `grey_card`, `grey_ball`, or else a chart. The
+/// chart is detected if `corners` is empty.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 struct ReferenceArg<'py> {
     white: Option<(f64, f64, f64)>,
     grey_card: Option<GivenMask<'py>>,
+    grey_ball: Option<(f64, f64, f64)>,
     corners: Option<Vec<(f64, f64)>>,
     reflectance: Option<f64>,
     color_only: bool,
@@ -203,10 +204,12 @@ impl GivenMask<'_> {
 
 impl ReferenceArg<'_> {
     fn take(self) -> PyResult<Reference> {
-        let target = match (self.white, self.grey_card) {
-            (Some((x, y, radius)), _) => ReferenceTarget::White(Circle { x, y, radius }),
-            (None, Some(mask)) => ReferenceTarget::GreyCard(mask.source()?),
-            (None, None) => ReferenceTarget::Chart(self.corners.and_then(|corners| corners.try_into().ok())),
+        let circle = |(x, y, radius)| Circle { x, y, radius };
+        let target = match (self.white, self.grey_card, self.grey_ball) {
+            (Some(disk), _, _) => ReferenceTarget::White(circle(disk)),
+            (None, Some(mask), _) => ReferenceTarget::GreyCard(mask.source()?),
+            (None, None, Some(ball)) => ReferenceTarget::GreyBall(circle(ball)),
+            (None, None, None) => ReferenceTarget::Chart(self.corners.and_then(|corners| corners.try_into().ok())),
         };
         Ok(Reference { target, reflectance: self.reflectance, colour_only: self.color_only })
     }

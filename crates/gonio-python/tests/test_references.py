@@ -45,6 +45,15 @@ def test_a_patch_determines_colour_and_scale(beside, white):
     assert gonio.check(beside, circle=(24, 24, 22), white=(68, 25, 12)).result["objects"][0]["reference"]["kind"] == "white patch"
 
 
+def test_a_grey_ball_determines_colour_and_scale(beside, white):
+    matte = gonio.render(gonio.Brdf.of(lambda h, d: 0.18 / np.pi + 0 * h), size=48)[:, :, :3] * np.array(LIGHT, np.float32)
+    picture = np.concatenate([beside[:, :48], matte], axis=1)
+    found = gonio.infer(picture, **OPTIONS, grey_ball=(72, 24, 22))
+    assert found.result["reference"]["kind"] == "grey ball" and found.result["reference"]["residual"] < 0.1
+    assert found.light_color[0] / found.light_color[1] == pytest.approx(white[0] / white[1], rel=0.05)
+    assert found.result["reference"]["scale"]["normal_albedo"] == pytest.approx(found.brdf.albedo, rel=0.01)
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
@@ -55,7 +64,7 @@ def test_a_patch_determines_colour_and_scale(beside, white):
         ({"white": (68, 25, 12), "light": np.ones((8, 16)), "grid": None}, "the environment map and the reference both determine the colour"),
         ({"white": (68, 25, 12), "grey_card": np.ones((48, 88))}, "white and grey_card are references; use only one of them"),
         ({"white": (68, 25, 12), "reference_reflectance": 2}, "reference_reflectance 2.0: must be above 0"),
-        ({"color_checker": True, "reference_reflectance": 0.5}, "reference_reflectance applies to white and grey_card"),
+        ({"color_checker": True, "reference_reflectance": 0.5}, "reference_reflectance applies to white, grey_card and grey_ball"),
         ({"color_checker": True}, r"no 24-patch colour chart .*color_checker=\["),
         ({"color_checker": (1, 2, 3)}, "color_checker: must be True, or the centres"),
         ({"color_checker": [(50, 5), (85, 5), (85, 45), (50, 45)]}, "not those of a ColorChecker Classic"),

@@ -23,6 +23,13 @@ pub(super) struct ReferenceOptions {
     /// The card determines the same quantities as --white.
     #[arg(long, alias = "gray-card", value_name = "MASK", conflicts_with = "color_checker")]
     grey_card: Option<PathBuf>,
+    /// Matte grey ball in the photograph: a disk, in pixels from the top left corner
+    ///
+    /// The ball determines the same quantities as --white, and more reliably: it shows the light on
+    /// all sides of the object.
+    #[arg(long, alias = "gray-ball", value_name = "X,Y,RADIUS", value_parser = parse_circle,
+          conflicts_with_all = ["white", "grey_card", "color_checker"])]
+    grey_ball: Option<Circle>,
     /// 24-patch colour chart (ColorChecker Classic) in the photograph
     ///
     /// The chart determines the same quantities as --white. With auto or without a value, gonio
@@ -32,7 +39,7 @@ pub(super) struct ReferenceOptions {
     #[arg(long, alias = "colour-checker", value_name = "auto|CORNERS", num_args = 0..=1, default_missing_value = "auto",
           value_parser = parse_chart)]
     color_checker: Option<ChartPlace>,
-    /// Diffuse reflectance of the reference [default: 0.9 for --white, 0.18 for --grey-card]
+    /// Diffuse reflectance of the reference [default: 0.9 for --white, otherwise 0.18]
     #[arg(long, value_name = "R", value_parser = parse_reflectance)]
     reference_reflectance: Option<f64>,
     /// Use the colour of the reference, but not its brightness
@@ -71,21 +78,23 @@ impl ReferenceOptions {
     pub(super) fn reference(&self) -> Option<Reference> {
         let white = self.white.map(ReferenceTarget::White);
         let card = || self.grey_card.clone().map(|mask| ReferenceTarget::GreyCard(Source::File(mask)));
+        let ball = || self.grey_ball.map(ReferenceTarget::GreyBall);
         let chart = || self.color_checker.map(|place| ReferenceTarget::Chart(place.0));
-        let target = white.or_else(card).or_else(chart)?;
+        let target = white.or_else(card).or_else(ball).or_else(chart)?;
         Some(Reference { target, reflectance: self.reference_reflectance, colour_only: self.reference_color_only })
     }
 
     /// Rejects options that would have no effect.
     pub(super) fn check(&self) -> Result<()> {
-        let is_patch = self.white.is_some() || self.grey_card.is_some();
+        let is_patch = self.white.is_some() || self.grey_card.is_some() || self.grey_ball.is_some();
         if self.reference_reflectance.is_some() && !is_patch {
             bail!(
-                "--reference-reflectance applies to --white and --grey-card; the reflectances of a colour chart are published"
+                "--reference-reflectance applies to --white, --grey-card and --grey-ball; the reflectances of a colour chart are \
+                 published"
             );
         }
         if self.reference_color_only && !is_patch && self.color_checker.is_none() {
-            bail!("--reference-color-only requires --white, --grey-card or --color-checker");
+            bail!("--reference-color-only requires --white, --grey-card, --grey-ball or --color-checker");
         }
         Ok(())
     }

@@ -2,7 +2,8 @@
 
 use std::f64::consts::PI;
 
-use glam::{DVec3, Vec3};
+use glam::{DQuat, DVec3, Vec3};
+use gonio::colour::mean_irradiance;
 use gonio::estimate::irradiance;
 use gonio::lighting::studio_light;
 use gonio::picture::{Picture, Plane};
@@ -54,6 +55,20 @@ fn patch(reflectance: f32) -> Picture {
     scene(40, |x, y| ((5..35).contains(&x) && (10..40).contains(&y)).then_some(Vec3::splat(reflectance)))
 }
 
+/// Renders the ball beside a matte ball of reflectance 0.18.
+fn grey_ball() -> Picture {
+    let settings = SphereSettings { size: SIZE, ..SphereSettings::default() };
+    let matte = merl(&BivariateTable::from_fn(|_, _| 0.18 / PI));
+    let grey = render_sphere(&matte, &LightTree::of_map(&studio_light(32)), &settings, &|_| ());
+    let mut picture = scene(SIZE, |_, _| None);
+    for y in 0..SIZE {
+        for x in 0..SIZE {
+            picture.rgb[(SIZE + x, y)] = grey.rgb[(x, y)] * LIGHT;
+        }
+    }
+    picture
+}
+
 /// Renders the ball beside a chart.
 fn chart() -> Picture {
     let colours = patch_colours();
@@ -98,6 +113,21 @@ fn finds_light_and_albedo(bench: &Bench, folder: &str) {
 }
 
 #[test]
+fn a_grey_ball_determines_colour_and_scale() {
+    let bench = Bench::new();
+    bench.write("ball.exr", &exr(&grey_ball()));
+    bench.run(&format!("infer ball.exr -o out {CIRCLE} --grid 8 --grey-ball 72,24,22")).succeeds();
+    let (chroma, albedo, [low, high]) = reference(&bench, "out");
+    let light = studio_light(32).to_grid(OctahedralMap::EqualArea, 32);
+    let mean = mean_irradiance(&light, DQuat::IDENTITY) * LIGHT.as_dvec3();
+    let want = [(mean.x / mean.y).ln(), (mean.z / mean.y).ln()];
+    assert!((chroma[0] - want[0]).abs() < 0.01 && (chroma[1] - want[1]).abs() < 0.01, "{chroma:?} {want:?}");
+    let truth = f64::from(DARKER) * material(0.1, 0.3).normal_albedo();
+    assert!(low < truth && truth < high, "{albedo} ({low} to {high}), {truth}");
+    assert!((bench.luminance("out").normal_albedo() / albedo - 1.0).abs() < 1e-3);
+}
+
+#[test]
 fn patches_and_charts_determine_colour_and_scale() {
     let bench = Bench::new();
     bench.write("white.exr", &exr(&patch(0.9)));
@@ -136,6 +166,7 @@ fn rejects_unusable_references() {
     let level = clipped.rgb[(68, 25)].max_element() * 0.8;
     let clipped = Picture { rgb: clipped.rgb.map(|pixel| pixel.min(Vec3::splat(level))), ..clipped };
     bench.write("clipped.exr", &exr(&clipped));
+    bench.write("chart.exr", &exr(&chart()));
     bench.write("light.exr", &exr(&Picture { rgb: studio_light(16).radiance().clone(), alpha: None }));
     for (options, message) in [
         ("white.exr --white 300,25,12", &["white.exr: ", "outside the image of 88x68"][..]),
@@ -143,6 +174,7 @@ fn rejects_unusable_references() {
         ("white.exr --white 68,25,2", &["usable pixels, 25 are required"]),
         ("white.exr --white 80,25,7", &["not uniform"]),
         ("clipped.exr --white 68,25,12", &["are clipped; reduce the exposure", "--clip"]),
+        ("chart.exr --grey-ball 94,34,25", &["not a matte ball: its shading deviates by"]),
         ("white.exr --color-checker", &["no 24-patch colour chart", "--color-checker X,Y"]),
         ("white.exr --color-checker 49,10,87,10,87,60,49,60", &["not those of a ColorChecker Classic"]),
         ("white.exr --color-checker 50,10,50,10,80,40,50,40", &["convex quadrilateral"]),

@@ -40,6 +40,11 @@ fn trains_joins_and_uses_a_model() {
     assert!(run.stdout.contains("3 maps") && run.stdout.contains("3 materials"), "{run:?}");
     let model = gonio_io::model::read_model(bench.path("joined.model")).unwrap();
     assert_eq!((model.reflectance.len(), model.light.scales, model.light.lights), (2, 4, 3));
+    // Parts that are not given are those of the embedded model.
+    let run = bench.run("train model --lighting light.model -o lighting.model").succeeds();
+    assert!(run.stdout.contains("3 maps") && run.stdout.contains("of 100 materials"), "{run:?}");
+    let mixed = gonio_io::model::read_model(bench.path("lighting.model")).unwrap();
+    assert_eq!((mixed.reflectance.len(), mixed.light.scales), (10, 4));
 
     bench.refuses(
         "infer ball.exr -o out --normals normals.npy --model joined.model --grid 8",

@@ -27,12 +27,13 @@ use anyhow::{Context, Result, bail};
 pub(crate) use object::{Captured, reflected};
 pub(crate) use slice::Cell;
 
+use crate::data::ModelOption;
+
 /// Options of `gonio-eval captured`.
 #[derive(clap::Args)]
 pub(crate) struct CapturedOptions {
-    /// Model to use instead of the embedded one
-    #[arg(long, value_name = "FILE")]
-    model: Option<PathBuf>,
+    #[command(flatten)]
+    model: ModelOption,
     /// Objects: names of folders in DATA/captured [default: all]
     #[arg(long, value_delimiter = ',', value_name = "NAMES")]
     objects: Vec<String>,
@@ -53,10 +54,7 @@ pub(crate) fn run(data: &Path, options: &CapturedOptions) -> Result<()> {
     } else {
         options.objects.iter().map(|name| data.join("captured").join(name)).collect()
     };
-    let model = match &options.model {
-        Some(path) => gonio_io::model::read_model(path)?,
-        None => gonio_io::model::embedded()?,
-    };
+    let model = options.model.read()?;
     if let Some(out) = &options.out {
         std::fs::create_dir_all(out).with_context(|| out.display().to_string())?;
     }

@@ -25,7 +25,7 @@ use gonio::sphere::OctahedralMap;
 
 use crate::bench::{DRAFT, Progress};
 use crate::cache::Cache;
-use crate::data::Lights;
+use crate::data::{Lights, ModelOption};
 use crate::metrics::{luminances, mean, median, relight, relight_rgb};
 use crate::out_of_domain;
 use crate::posteriors;
@@ -35,6 +35,8 @@ pub(crate) use estimators::{ColourEstimator, Photograph};
 /// Options of `gonio-eval colour`.
 #[derive(clap::Args)]
 pub(crate) struct ColourOptions {
+    #[command(flatten)]
+    model: ModelOption,
     /// Folder for `colour.csv`, one line for each estimate
     #[arg(short, long)]
     out: PathBuf,
@@ -95,7 +97,7 @@ struct Record {
 }
 
 pub(crate) fn run(data: &Path, options: &ColourOptions) -> Result<()> {
-    let mut model = gonio_io::model::embedded()?;
+    let mut model = options.model.read()?;
     let colours = learn(data, &model, options.stride)?;
     if let Some(learnt) = model.learnt.as_mut() {
         learnt.colours = Some(colours);

@@ -123,7 +123,8 @@ pub struct Reference {
     /// Radiance of a matte surface of reflectance one at the position of the reference: linear RGB
     /// on the scale of the photograph.
     pub white: [f64; 3],
-    /// `ln R/G` and `ln B/G` of this radiance: the colour of the light.
+    /// `ln R/G` and `ln B/G` of the light: of this radiance, or of the mean radiance of a grey
+    /// ball.
     pub log_chroma: [f64; 2],
     /// Scale of the BRDF, if the reference determines it: it faces the camera under the light of
     /// the object. The quantiles of the BRDF do not include the uncertainty of the scale.
@@ -141,6 +142,25 @@ pub enum ReferenceKind {
     /// A grey card.
     #[serde(rename = "grey card")]
     GreyCard(Patch),
+    /// A matte grey ball.
+    #[serde(rename = "grey ball")]
+    GreyBall {
+        /// Centre (x, y) and radius of its outline in pixels.
+        circle: [f64; 3],
+        /// Its assumed reflectance.
+        reflectance: f64,
+        /// Radiance at its centre, which faces the camera: linear RGB.
+        centre: [f64; 3],
+        /// Mean radiance over its visible surface, which determines the colour of the light.
+        mean: [f64; 3],
+        /// Number of pixels.
+        pixels: usize,
+        /// Number of clipped pixels, which gonio ignores.
+        clipped: usize,
+        /// Root mean square residual of the luminance from the shading of a matte ball, relative to
+        /// the mean.
+        residual: f64,
+    },
     /// A chart with 24 patches.
     #[serde(rename = "colour chart")]
     ColourChart {

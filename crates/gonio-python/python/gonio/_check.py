@@ -77,7 +77,7 @@ def check(
         references: ``linear``, ``layer``, ``times``, ``response``, ``align``, ``trust_times``,
         ``black_level``, ``flat``, ``colorspace``, ``clip``, ``keep_colors``, ``force``, ``normals``
         and its options, ``circle``, ``depth_axis``, ``camera``, ``pose``, ``white``, ``grey_card``,
-        ``color_checker`` and their options.
+        ``grey_ball``, ``color_checker`` and their options.
 
     Returns
     -------

@@ -104,6 +104,7 @@ class Options(TypedDict, total=False):
     light_color: Sequence[float] | None
     white: tuple[float, float, float] | None
     grey_card: Picture | None
+    grey_ball: tuple[float, float, float] | None
     color_checker: bool | str | Sequence[float] | Sequence[tuple[float, float]]
     reference_reflectance: float | None
     reference_color_only: bool
@@ -174,6 +175,7 @@ def infer(
     light_color: Sequence[float] | None = None,
     white: tuple[float, float, float] | None = None,
     grey_card: Picture | None = None,
+    grey_ball: tuple[float, float, float] | None = None,
     color_checker: bool | str | Sequence[float] | Sequence[tuple[float, float]] = False,
     reference_reflectance: float | None = None,
     reference_color_only: bool = False,
@@ -310,12 +312,16 @@ def infer(
     grey_card : path or array, optional
         Grey card in the image, for the same purpose: a mask above 0.5 on the card, shape (height,
         width).
+    grey_ball : (float, float, float), optional
+        Matte grey ball in the image, for the same purpose: x, y and radius in pixels. The ball shows
+        the light on all sides of the object.
     color_checker : bool or sequence, default False
         24-patch colour chart (ColorChecker Classic) in the image, for the same purpose. True detects
         the chart; four (x, y) in pixels, or eight numbers, are the centres of its corner patches in
         the order dark skin, bluish green, black, white.
     reference_reflectance : float, optional
-        Diffuse reflectance of the reference; by default 0.9 for ``white``, 0.18 for ``grey_card``.
+        Diffuse reflectance of the reference; by default 0.9 for ``white``, otherwise
+        0.18.
     reference_color_only : bool, default False
         Use only the colour of the reference, because it does not face the camera or is not under
         the same light as the object.

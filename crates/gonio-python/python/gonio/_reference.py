@@ -13,6 +13,7 @@ from ._types import GivenReference
 REFERENCE: dict[str, Any] = {
     "white": None,
     "grey_card": None,
+    "grey_ball": None,
     "color_checker": None,
     "reference_reflectance": None,
     "reference_color_only": False,
@@ -27,7 +28,7 @@ def given_reference(chosen: Mapping[str, Any]) -> GivenReference | None:
     chart = chosen["color_checker"]
     if chart is False:
         chart = None
-    targets = {"white": chosen["white"], "grey_card": chosen["grey_card"], "color_checker": chart}
+    targets = {"white": chosen["white"], "grey_card": chosen["grey_card"], "grey_ball": chosen["grey_ball"], "color_checker": chart}
     given = [name for name, value in targets.items() if value is not None]
     if len(given) > 1:
         raise GonioError(f"{' and '.join(given)} are references; use only one of them")
@@ -36,16 +37,17 @@ def given_reference(chosen: Mapping[str, Any]) -> GivenReference | None:
         reflectance = number(reflectance, "reference_reflectance")
         if not 0 < reflectance <= 1:
             raise GonioError(f"reference_reflectance {reflectance}: must be above 0 and at most 1")
-        if given not in (["white"], ["grey_card"]):
-            raise GonioError("reference_reflectance applies to white and grey_card; the reflectances of a colour chart are published")
+        if given not in (["white"], ["grey_card"], ["grey_ball"]):
+            raise GonioError("reference_reflectance applies to white, grey_card and grey_ball; the reflectances of a colour chart are published")
     color_only = flag(chosen["reference_color_only"], "reference_color_only")
     if color_only and not given:
-        raise GonioError("reference_color_only requires white, grey_card or color_checker")
+        raise GonioError("reference_color_only requires white, grey_card, grey_ball or color_checker")
     if not given:
         return None
     return {
         "white": None if chosen["white"] is None else circle(chosen["white"], "white"),
         "grey_card": mask_of(chosen["grey_card"], "the mask of the grey card"),
+        "grey_ball": None if chosen["grey_ball"] is None else circle(chosen["grey_ball"], "grey_ball"),
         "corners": None if chart is None else _corners(chart),
         "reflectance": reflectance,
         "color_only": color_only,

@@ -75,6 +75,7 @@ class GivenReference(TypedDict):
 
     white: tuple[float, float, float] | None
     grey_card: str | Floats | None
+    grey_ball: tuple[float, float, float] | None
     corners: list[tuple[float, float]] | None
     reflectance: float | None
     color_only: bool

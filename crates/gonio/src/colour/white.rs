@@ -11,10 +11,17 @@ pub fn is_grey<'a>(colours: impl IntoIterator<Item = &'a Vec3>) -> bool {
     colours.into_iter().all(|c| c.max_element() - c.min_element() <= 1e-5 * c.max_element().abs())
 }
 
-/// Returns the chroma of a white matte ball in a light, averaged over its visible pixels.
+/// Returns the chroma of a white matte ball in a light, averaged over its visible surface.
 ///
 /// The direction to the camera is `camera` times `+z`.
 pub fn white_chroma(light: &LightGrid, camera: DQuat) -> Chroma {
+    Chroma::of(mean_irradiance(light, camera))
+}
+
+/// Returns the irradiance of a ball in linear RGB, averaged over its visible surface.
+///
+/// The direction to the camera is `camera` times `+z`.
+pub fn mean_irradiance(light: &LightGrid, camera: DQuat) -> DVec3 {
     let normals: Vec<DVec3> = fibonacci_hemisphere(500).map(|n| camera * n).collect();
     let mut sum = DVec3::ZERO;
     for (texel, radiance) in light.texels().iter().enumerate() {
@@ -23,7 +30,7 @@ pub fn white_chroma(light: &LightGrid, camera: DQuat) -> Chroma {
         let irradiance_weight: f64 = normals.iter().map(|n| n.dot(direction).max(0.0)).sum();
         sum += light.map().density(u, v) * irradiance_weight * radiance.as_dvec3();
     }
-    Chroma::of(sum)
+    sum * 4.0 / (light.texels().len() * normals.len()) as f64
 }
 
 #[cfg(test)]

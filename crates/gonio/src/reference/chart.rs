@@ -128,7 +128,7 @@ impl ChartReading {
         check_neutral(best.fit.white)?;
         Ok(Self {
             corners: best.corners.map(|corner| (corner.x, corner.y)),
-            light: ReferenceLight { white: best.fit.white, log_sd: best.fit.log_sd },
+            light: ReferenceLight { white: best.fit.white, ball: None, log_sd: best.fit.log_sd },
             chroma_correlation: best.fit.correlation,
             chroma_residual: best.fit.residual,
             luminance_residual: best.fit.luminance,

@@ -68,6 +68,18 @@ pub enum ReferenceError {
         /// Largest accepted value.
         most: f64,
     },
+    /// The ball does not have the shading of a matte ball.
+    #[error(
+        "the reference is not a matte ball: its shading deviates by {:.0} % from that of a matte ball (limit \
+         {:.0} %); check the circle, gloss and shadows, or use another reference",
+        100.0 * .residual, 100.0 * .most
+    )]
+    NotMatte {
+        /// Root mean square residual of the shading, relative to its mean.
+        residual: f64,
+        /// Largest accepted residual.
+        most: f64,
+    },
     /// The patch has more colour than a neutral patch under captured light.
     #[error(
         "the reference is not neutral: its colour, ln(R/G) = {:.2} and ln(B/G) = {:.2}, is {distance:.1} away from \

@@ -2,9 +2,9 @@
 
 use std::f64::consts::PI;
 
-use glam::DVec3;
+use glam::{DQuat, DVec3};
 
-use crate::colour::Chroma;
+use crate::colour::{Chroma, mean_irradiance};
 use crate::estimate::irradiance;
 use crate::lighting::LightGrid;
 use crate::picture::luminance;
@@ -24,6 +24,9 @@ pub struct ReferenceLight {
     ///
     /// Linear RGB on the scale of the photograph.
     pub white: DVec3,
+    /// Mean radiance of a matte ball of reflectance one over its visible surface, if the reference
+    /// is a ball.
+    pub ball: Option<DVec3>,
     /// Standard deviation of the logarithm of its luminance.
     pub log_sd: f64,
 }
@@ -38,25 +41,24 @@ pub struct AbsoluteScale {
 }
 
 impl ReferenceLight {
-    /// Returns the chroma of the light.
+    /// Returns the chroma of the light: with a ball, of the light on all visible normals.
     pub fn chroma(&self) -> Chroma {
-        Chroma::of(self.white)
-    }
-
-    /// Returns the irradiance (luminance) on the scale of the photograph.
-    pub fn irradiance(&self) -> f64 {
-        PI * f64::from(luminance(self.white.as_vec3()))
+        Chroma::of(self.ball.unwrap_or(self.white))
     }
 
     /// Returns the absolute scale of the reflectance that was estimated together with `light`.
     ///
-    /// The reference must face the camera under the same light. The photograph shows the product of
-    /// reflectance and light: if the estimated light is too bright by a factor, the reflectance is
-    /// too low by the same factor.
+    /// The reference must be under the same light, and face the camera unless it is a ball. The
+    /// photograph shows the product of reflectance and light: if the estimated light is too bright
+    /// by a factor, the reflectance is too low by the same factor.
     ///
     /// Returns `None` if either irradiance is not positive and finite.
     pub fn scale(&self, light: &LightGrid) -> Option<AbsoluteScale> {
-        let factor = irradiance(light) / self.irradiance();
+        let luminance = |rgb: DVec3| f64::from(luminance(rgb.as_vec3()));
+        let factor = match self.ball {
+            Some(ball) => luminance(mean_irradiance(light, DQuat::IDENTITY)) / (PI * luminance(ball)),
+            None => irradiance(light) / (PI * luminance(self.white)),
+        };
         let log_sd = self.log_sd.hypot(ESTIMATE_LOG_SD);
         (factor.is_finite() && factor > 0.0).then_some(AbsoluteScale { factor, log_sd })
     }
@@ -82,7 +84,7 @@ mod tests {
         // A uniform light of radiance 3 has the irradiance 3 pi: a white patch has the radiance 3.
         let even =
             |radiance| LightGrid::from_texels(OctahedralMap::EqualArea, 32, vec![Vec3::splat(radiance); 32 * 32]);
-        let reference = ReferenceLight { white: DVec3::splat(3.0), log_sd: 0.0 };
+        let reference = ReferenceLight { white: DVec3::splat(3.0), ball: None, log_sd: 0.0 };
         for (estimated, factor) in [(3.0, 1.0), (1.5, 0.5), (12.0, 4.0)] {
             let scale = reference.scale(&even(estimated)).unwrap();
             assert!((scale.factor / factor - 1.0).abs() < 0.01, "{estimated}: {}", scale.factor);
@@ -90,6 +92,6 @@ mod tests {
             assert!(low < 0.5 * factor && 0.5 * factor < high);
         }
         assert_eq!(reference.scale(&even(0.0)), None);
-        assert_eq!(ReferenceLight { white: DVec3::ZERO, log_sd: 0.0 }.scale(&even(1.0)), None);
+        assert_eq!(ReferenceLight { white: DVec3::ZERO, ball: None, log_sd: 0.0 }.scale(&even(1.0)), None);
     }
 }

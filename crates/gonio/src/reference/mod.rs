@@ -1,13 +1,15 @@
-//! Neutral references in a photograph: a white patch, a grey card or a colour chart.
+//! Neutral references in a photograph: a white patch, a grey card, a grey ball or a colour chart.
 //!
 //! A matte surface of reflectance `r` under irradiance `E` has the radiance `r E / pi`. A neutral
 //! reference therefore gives the colour of the light that falls on it. If the reference faces the
 //! camera, `E` is also the irradiance of a point of the object whose normal faces the camera, which
 //! fixes the scale of the reflectance ([`ReferenceLight::scale`]).
 //!
-//! [`PatchReading`] measures one patch of known pixels. [`ChartReading`] measures a 24-patch
-//! ColorChecker Classic at given corners, and [`find_chart`] detects the chart.
+//! [`PatchReading`] measures one patch of known pixels, [`BallReading`] a matte ball.
+//! [`ChartReading`] measures a 24-patch ColorChecker Classic at given corners, and [`find_chart`]
+//! detects the chart.
 
+mod ball;
 mod chart;
 mod colours;
 mod detect;
@@ -20,6 +22,7 @@ mod squares;
 #[cfg(test)]
 mod testing;
 
+pub use ball::BallReading;
 pub use chart::{ChartReading, Corners};
 pub use colours::{PATCH_NAMES, patch_colours};
 pub use detect::find_chart;

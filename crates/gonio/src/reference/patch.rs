@@ -11,7 +11,7 @@ use crate::scene::{clip_level, is_clipped};
 /// Smallest number of usable pixels.
 const MIN_PIXELS: usize = 25;
 /// Largest fraction of clipped pixels.
-const MAX_CLIPPED: f64 = 0.03;
+pub(super) const MAX_CLIPPED: f64 = 0.03;
 /// Largest relative standard deviation of the luminance over a patch.
 const MAX_VARIATION: f64 = 0.15;
 /// Largest relative standard deviation of a channel relative to the luminance.
@@ -65,6 +65,11 @@ impl Clipping {
     pub(super) fn of(rgb: &Plane<Vec3>, given: Option<f32>) -> Self {
         let everywhere = rgb.map(|pixel| pixel.is_finite());
         Self { level: clip_level(rgb, &everywhere, given), given: given.is_some() }
+    }
+
+    /// Returns the level.
+    pub(super) fn level(self) -> Option<f32> {
+        self.level
     }
 
     /// Returns the clip level for one patch.
@@ -201,11 +206,12 @@ impl PatchReading {
             return Err(ReferenceError::Reflectance(reflectance));
         }
         let error = self.variation / (self.pixels.max(1) as f64).sqrt();
-        Ok(ReferenceLight { white: self.colour / reflectance, log_sd: error.hypot(REFLECTANCE_LOG_SD) })
+        Ok(ReferenceLight { white: self.colour / reflectance, ball: None, log_sd: error.hypot(REFLECTANCE_LOG_SD) })
     }
 }
 
-fn check_positive(colour: DVec3) -> Result<(), ReferenceError> {
+/// Checks that no channel is black.
+pub(super) fn check_positive(colour: DVec3) -> Result<(), ReferenceError> {
     let names = ["red", "green", "blue"];
     let black = names.into_iter().zip(colour.to_array()).find(|(_, value)| value.is_nan() || *value <= 0.0);
     black.map_or(Ok(()), |(channel, _)| Err(ReferenceError::Black { channel }))

@@ -68,5 +68,6 @@ pub use orientation::{AxisFault, AxisFit, Contradiction, Orientation, Orientatio
 pub use outline::Ellipse;
 pub(crate) use outline::{find_ball, find_ellipse};
 pub use scene_warning::SceneWarning;
+pub(crate) use shading::ShadingBasis;
 pub use status::PixelStatus;
 pub use view::SurfaceView;

@@ -11,7 +11,7 @@ use gonio_linalg::{axpy, solve_positive, weighted_gram};
 const RIDGE: f64 = 1e-7;
 
 /// Polynomials of the normals of many cells, one column per cell; the first is constant.
-pub(super) struct ShadingBasis {
+pub(crate) struct ShadingBasis {
     columns: Mat<f64>,
 }
 
@@ -25,7 +25,7 @@ pub(super) struct TwoPaints {
 
 impl ShadingBasis {
     /// Evaluates `(degree + 1)^2` polynomials at each unit normal.
-    pub(super) fn new(normals: &[Vec3], degree: usize) -> Self {
+    pub(crate) fn new(normals: &[Vec3], degree: usize) -> Self {
         let mut columns = Mat::zeros((degree + 1) * (degree + 1), normals.len());
         for (i, normal) in normals.iter().enumerate() {
             columns.col_as_slice_mut(i).copy_from_slice(&polynomials(normal.as_dvec3(), degree));
@@ -51,7 +51,7 @@ impl ShadingBasis {
     }
 
     /// Returns the sum of all functions at each cell.
-    pub(super) fn values(&self, coefficients: &[DVec3]) -> Vec<DVec3> {
+    pub(crate) fn values(&self, coefficients: &[DVec3]) -> Vec<DVec3> {
         self.sums(0, coefficients)
     }
 
@@ -64,7 +64,7 @@ impl ShadingBasis {
     }
 
     /// Fits coefficients to `values` by weighted least squares.
-    pub(super) fn fit(&self, values: &[DVec3], weights: &[f64]) -> Option<Vec<DVec3>> {
+    pub(crate) fn fit(&self, values: &[DVec3], weights: &[f64]) -> Option<Vec<DVec3>> {
         least_squares(&self.columns, values, weights)
     }
 

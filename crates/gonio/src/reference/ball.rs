@@ -105,7 +105,7 @@ impl BallReading {
         check_positive(mean)?;
         let squares = residuals(&coefficients).iter().zip(&weights).map(|(r, weight)| weight * r * r).sum::<f64>();
         let residual = (squares / weights.iter().sum::<f64>()).sqrt() / brightness(&mean);
-        if !(residual <= MAX_RESIDUAL) {
+        if residual.is_nan() || residual > MAX_RESIDUAL {
             return Err(ReferenceError::NotMatte { residual, most: MAX_RESIDUAL });
         }
         check_neutral(mean)?;

@@ -10,6 +10,9 @@ fail() { echo "error: $1" >&2; exit 2; }
 [ $# -ge 3 ] || fail "usage: $0 LIGHTS MATERIALS OUTPUT [OPTION ...]"
 lights=$1 materials=$2 output=$3
 shift 3
+for option in "$@"; do
+    case "$option" in --initial*) fail "--initial: other models have other terms" ;; esac
+done
 tools="$(cd "$(dirname "$0")" && pwd)"
 [ -d "$lights" ] || fail "$lights: not a folder"
 lights="$(cd "$lights" && pwd)"

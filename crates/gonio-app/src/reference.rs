@@ -36,8 +36,8 @@ const ASSUMPTION: &str = "the light has the colour of the reference in the image
 pub struct Reference {
     /// Kind and position.
     pub target: ReferenceTarget,
-    /// Diffuse reflectance of a patch, in 0..=1; `None` for the default. Charts have published
-    /// values.
+    /// Diffuse reflectance of a patch or ball, in 0..=1; `None` for the default. Charts have
+    /// published values.
     pub reflectance: Option<f64>,
     /// Use only the colour, because the reference does not face the camera or is not under the
     /// light of the object.

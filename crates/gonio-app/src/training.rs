@@ -158,8 +158,9 @@ pub struct PosteriorSettings {
     /// Interval `n` of the lights that are left out: every n-th light is only tested with. `None`
     /// trains on all lights.
     pub leave_out: Option<usize>,
-    /// Posterior whose network the training begins with; `None` begins with random weights.
-    pub initial: Option<LearntPosterior>,
+    /// Posterior whose network initialises the training, and the note on its origin; `None` begins
+    /// with random weights.
+    pub initial: Option<(LearntPosterior, String)>,
     /// Seed of all random numbers.
     pub seed: u64,
 }
@@ -254,7 +255,7 @@ const CHECKPOINT_INTERVAL: Duration = Duration::from_secs(300);
 
 /// Factor of the learning rate in a training that begins with a trained network: large steps would
 /// undo the earlier training.
-const INITIAL_RATE: f64 = 0.5;
+const INITIAL_RATE_FACTOR: f64 = 0.5;
 
 /// Rows to which larger environment maps are reduced: finer than any cell of the disk of normals.
 const LIGHT_ROWS: usize = 512;
@@ -312,12 +313,13 @@ pub fn posterior(
     let mut stock = ScenePool::new(dictionary, maps, stock_settings);
     let mut training = TrainingSettings { steps, seed, ..TrainingSettings::default() };
     if initial.is_some() {
-        training.learning_rate *= INITIAL_RATE;
+        training.learning_rate *= INITIAL_RATE_FACTOR;
     }
+    let origin = initial.as_ref().map_or_else(String::new, |(_, note)| format!(", from the network of: {note}"));
     let note = format!(
         "{channel:?} of {} materials, {count} lights, {dictionary_settings:?}, {stock_settings:?}, {training:?}{}",
         tables.len(),
-        if initial.is_some() { ", from an initial model" } else { "" },
+        origin,
     );
     let start = match &resumption.start {
         Some((path, bytes)) => {
@@ -338,11 +340,12 @@ pub fn posterior(
         }
     };
     let monitor = Monitor { progress: &|share, _| progress("learning the posterior", share), keep: &keep };
-    let (mut learnt, losses) = learn(&mut stock, left_out, &training, initial.as_ref(), start, &monitor)?;
+    let (mut learnt, losses) =
+        learn(&mut stock, left_out, &training, initial.as_ref().map(|(learnt, _)| learnt), start, &monitor)?;
     drop(stock);
     learnt.colours = Some(colours(&learnt, lights, materials, progress)?.0);
     let provenance = format!(
-        "posterior of materials by gonio {} from the {channel:?} channel of {} materials in {count} maps, {} photographs, seed {seed}",
+        "{POSTERIOR} by gonio {} from the {channel:?} channel of {} materials in {count} maps, {} photographs, seed {seed}{origin}",
         env!("CARGO_PKG_VERSION"),
         tables.len(),
         training.steps * training.batch,
@@ -426,6 +429,9 @@ pub const LIGHT_PRIOR: &str = "light prior";
 
 /// Start of the note on the origin of a reflectance basis.
 pub const REFLECTANCE_BASIS: &str = "reflectance basis";
+
+/// Start of the note on the origin of a posterior of materials.
+pub const POSTERIOR: &str = "posterior of materials";
 
 /// Returns the note of a model on the origin of the part whose note has this start.
 pub fn provenance_of(model: &Model, start: &str) -> String {

@@ -4,6 +4,7 @@ use std::cell::RefCell;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result, anyhow};
+use gonio::inference::learnt::LearntPosterior;
 use gonio::sphere::OctahedralMap;
 use gonio_app::training::{
     self, LightingSettings, Lights, Materials, PosteriorSettings, ReflectanceSettings, Resumption, TrainingError,
@@ -17,6 +18,7 @@ use gonio_io::model::{
 use gonio_paper::nmf::NmfSettings;
 use serde_json::{Value, json};
 
+use crate::input;
 use crate::outcome::Outcome;
 use crate::progress::{ProgressLine, is_verbose};
 
@@ -149,7 +151,7 @@ pub(crate) struct TrainPosteriorOptions {
     leave_out: Option<usize>,
     /// Begin with the network of a model [without FILE: the embedded model]
     ///
-    /// The training then needs fewer steps than a training from random weights.
+    /// The training then needs fewer steps than from random weights.
     #[arg(long, value_name = "FILE", num_args = 0..=1)]
     initial: Option<Option<PathBuf>>,
     /// Continue an interrupted training run with the same settings
@@ -261,15 +263,16 @@ fn reflectance(options: &TrainReflectanceOptions) -> Result<Outcome> {
     Ok(outcome)
 }
 
+/// Returns the posterior of a model, or of the embedded one, and the note on its origin.
+fn initial(path: Option<&Path>) -> Result<(LearntPosterior, String)> {
+    let (model, name) = input::model(path)?;
+    let missing = || anyhow!("{name}: has no posterior of materials; use a model with one (gonio train posterior)");
+    let learnt = model.learnt.clone().ok_or_else(missing)?;
+    Ok((learnt, training::provenance_of(&model, training::POSTERIOR)))
+}
+
 fn posterior(options: &TrainPosteriorOptions) -> Result<Outcome> {
-    let initial = match &options.initial {
-        None => None,
-        Some(None) => embedded()?.learnt,
-        Some(Some(path)) => {
-            let missing = || anyhow!("{}: the model has no posterior of materials", path.display());
-            Some(read_model(path)?.learnt.ok_or_else(missing)?)
-        }
-    };
+    let initial = options.initial.as_ref().map(|path| initial(path.as_deref())).transpose()?;
     let settings = PosteriorSettings {
         channel: options.channel.of(),
         views: options.views,

@@ -4,7 +4,9 @@ use gonio::inference::learnt::LearntPosterior;
 use gonio::reflectance::LatentSpace;
 
 use crate::TrainError;
+use crate::dense::Dense;
 use crate::optimiser::{Optimiser, StepSettings, one_cycle};
+use crate::parameters::Parameters;
 use crate::train::{Model, bounded};
 
 /// A trained encoder, and materials with their embeddings.
@@ -19,16 +21,20 @@ pub struct InitialPosterior<'a> {
 }
 
 /// Steps of the regression that fits the embedding of materials to the earlier one.
-const STEPS: usize = 3_000;
+const REGRESSION_STEPS: usize = 3_000;
 
 /// Materials in each of these steps.
-const BATCH: usize = 256;
+const REGRESSION_BATCH: usize = 256;
 
 /// Largest learning rate of the regression.
-const RATE: f64 = 2e-3;
+const REGRESSION_RATE: f64 = 2e-3;
 
-/// Materials that one pass converts to tables: few enough for a small memory (32 kB each).
-const TABLES: usize = 512;
+/// Step between the materials of the regression. It is prime, so that all materials are used unless
+/// it divides their number.
+const MATERIAL_STRIDE: usize = 4_099;
+
+/// Materials that are converted to tables at a time: few enough for a small memory (32 kB each).
+const TABLES_AT_A_TIME: usize = 512;
 
 impl InitialPosterior<'_> {
     /// Coordinates of the earlier candidates along the new axes.
@@ -36,7 +42,7 @@ impl InitialPosterior<'_> {
         let Self { posterior, latent_space } = self;
         let old: Vec<Vec<f64>> =
             posterior.prior.coordinates.iter().map(|place| place.iter().map(|z| f64::from(*z)).collect()).collect();
-        let new = old.chunks(TABLES).flat_map(|places| posterior.latent_space.tables(places));
+        let new = old.chunks(TABLES_AT_A_TIME).flat_map(|places| posterior.latent_space.tables(places));
         new.flat_map(|table| latent_space.of(&table)).map(|z| z as f32).collect()
     }
 
@@ -51,27 +57,64 @@ impl InitialPosterior<'_> {
             return Err(TrainError::Initial);
         }
         let mut values = model.parameters.import(encoder, seed);
-        let places = bounded(&self.coordinates());
-        let dimensions = self.latent_space.axes.len();
         let scale = (model.shape.outputs as f32).sqrt();
         let targets: Vec<f32> = self.posterior.prior.embeddings.iter().flatten().map(|v| scale * v).collect();
-        let count = places.len() / dimensions;
-        let mut optimiser = Optimiser::new(&values);
-        for step in 0..STEPS {
-            // A stride that is coprime to any power of two visits all materials.
-            let rows: Vec<usize> = (0..BATCH).map(|at| (step * BATCH + at) * 4_099 % count).collect();
-            let of = |all: &[f32], width: usize| -> Vec<f32> {
-                rows.iter().flat_map(|row| &all[row * width..][..width]).copied().collect()
-            };
-            let gradient = model.regress(&values, of(&places, dimensions), &of(&targets, model.shape.outputs));
+        let materials = Parameters::new(model.materials.layers.iter());
+        let mut own = materials.random(seed);
+        let pairs = Regression {
+            network: &model.materials,
+            parameters: &materials,
+            inputs: bounded(&self.coordinates()),
+            targets,
+            count: self.posterior.prior.embeddings.len(),
+        };
+        pairs.fit(&mut own);
+        // The parameters of the materials are the last.
+        let first = values.len() - own.len();
+        values[first..].copy_from_slice(&own);
+        Ok(values)
+    }
+}
+
+/// Least-squares regression of dense layers.
+pub(crate) struct Regression<'a> {
+    pub(crate) network: &'a Dense,
+    pub(crate) parameters: &'a Parameters,
+    /// Inputs of all samples, one after the other.
+    pub(crate) inputs: Vec<f32>,
+    /// Outputs to which the network is fitted, in the same order.
+    pub(crate) targets: Vec<f32>,
+    /// Number of samples.
+    pub(crate) count: usize,
+}
+
+impl Regression<'_> {
+    pub(crate) fn fit(&self, values: &mut [f32]) {
+        let mut optimiser = Optimiser::new(values);
+        for step in 0..REGRESSION_STEPS {
+            let rows = (0..REGRESSION_BATCH).map(|at| (step * REGRESSION_BATCH + at) * MATERIAL_STRIDE % self.count);
+            let gradient = self.gradient(values, rows);
             let stride = StepSettings {
-                rate: (RATE * one_cycle(step as f64 / STEPS as f64)) as f32,
+                rate: (REGRESSION_RATE * one_cycle(step as f64 / REGRESSION_STEPS as f64)) as f32,
                 decay: 0.0,
                 max_gradient_norm: 5.0,
                 ema_decay: 0.0,
             };
-            optimiser.step(&mut values, &gradient, std::iter::empty(), &stride);
+            optimiser.step(values, &gradient, std::iter::empty(), &stride);
         }
-        Ok(values)
+    }
+
+    /// Gradient of the mean square difference between outputs and targets over some samples.
+    pub(crate) fn gradient(&self, values: &[f32], rows: impl Iterator<Item = usize> + Clone) -> Vec<f32> {
+        let of = |all: &[f32]| -> Vec<f32> {
+            let width = all.len() / self.count;
+            rows.clone().flat_map(|row| &all[row * width..][..width]).copied().collect()
+        };
+        let weights = self.parameters.weights(values);
+        let trace = self.network.forward(of(&self.inputs), &weights, &[]);
+        let targets = of(&self.targets);
+        let scale = 2.0 / targets.len() as f32;
+        let back = trace.outputs().iter().zip(targets).map(|(found, target)| scale * (found - target)).collect();
+        self.parameters.backward(values, &self.network.backward(trace, back, &weights, &[]).0)
     }
 }

@@ -31,10 +31,10 @@ pub struct TrainingLosses {
 }
 
 /// Learns the posterior from photographs of a stock. `left_out` is a stock of lights for testing
-/// only. The training begins with the weights of `initial`, and continues from `start`, if given.
+/// only. `initial` and `start` are those of [`train`].
 ///
 /// # Errors
-/// If a setting is out of range, the training diverges, or `start` is from other settings.
+/// If [`train`] fails.
 pub fn learn(
     stock: &mut ScenePool,
     left_out: Option<ScenePool>,

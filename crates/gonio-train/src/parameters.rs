@@ -176,7 +176,8 @@ impl Slots {
         values[self.weights.clone()].copy_from_slice(weights);
         values[self.bias.clone()].copy_from_slice(bias);
         let Some(gain) = &self.gain else { return };
-        // Columns of the scale of random weights: the optimiser changes them as fast.
+        // Scales the columns like random weights, so that the learning rate has the same relative
+        // effect.
         let standard = Standard::of(weights, gain.len());
         let columns = standard.columns.iter().map(|v| SILU_GAIN as f32 * v);
         values[self.weights.clone()].iter_mut().zip(columns).for_each(|(v, column)| *v = column);

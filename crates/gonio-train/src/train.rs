@@ -90,7 +90,7 @@ pub enum TrainError {
     #[error("the checkpoint belongs to a training with other settings")]
     Checkpoint,
     /// The initial posterior has another network.
-    #[error("the initial model has a network of another shape")]
+    #[error("the network of the initial model has another shape; use a model that this version trained")]
     Initial,
     /// The encoder cannot be built or exported.
     #[error(transparent)]
@@ -145,7 +145,7 @@ pub(crate) fn bounded(places: &[f32]) -> Vec<f32> {
 pub(crate) struct Model {
     pub(crate) shape: EncoderShape,
     pub(crate) layers: Layers,
-    materials: Dense,
+    pub(crate) materials: Dense,
     pub(crate) parameters: Parameters,
     drop: f64,
 }
@@ -317,19 +317,6 @@ impl Model {
         }
     }
 
-    /// Gradient of the mean square difference between the embeddings of materials and `targets`,
-    /// with respect to all parameters. Those of the encoder have gradient zero.
-    pub(crate) fn regress(&self, values: &[f32], places: Vec<f32>, targets: &[f32]) -> Vec<f32> {
-        let images = self.layers.all().count();
-        let weights = self.parameters.weights(values);
-        let trace = self.materials.forward(places, &weights[images..], &[]);
-        let scale = 2.0 / targets.len() as f32;
-        let back = trace.outputs().iter().zip(targets).map(|(found, target)| scale * (found - target)).collect();
-        let mut gradients: Vec<Vec<f32>> = weights[..images].iter().map(|w| vec![0.0; w.len()]).collect();
-        gradients.extend(self.materials.backward(trace, back, &weights[images..], &[]).0);
-        self.parameters.backward(values, &gradients)
-    }
-
     fn finish(mut self, values: Vec<f32>, others: Vec<f32>) -> Result<Trained, TrainError> {
         let encoder = self.parameters.export(&values, &self.shape)?;
         let weights = self.parameters.weights(&values).split_off(self.layers.all().count());
@@ -368,9 +355,9 @@ impl<'a> Monitor<'a> {
 ///
 /// Step `i` uses the samples from `i * batch` on, and contrasts their materials with those of the
 /// `settings.negatives` preceding samples. The training begins with the weights of `initial`, if
-/// given. It continues from `start`, if given, with the same result. Also returns the loss of each
-/// step. The training runs on the threads of rayon's pool. The result depends on the seed, but not
-/// on the number of threads.
+/// given. If `start` is given, the training continues from it with the same result, and does not
+/// use `initial`. Also returns the loss of each step. The training runs on the threads of rayon's
+/// pool. The result depends on the seed, but not on the number of threads.
 ///
 /// # Errors
 /// If a setting is out of range, the loss is not finite, `start` is from other settings, or

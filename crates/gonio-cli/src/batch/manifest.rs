@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
-use clap::{Command, CommandFactory};
+use clap::{Arg, Command, CommandFactory};
 use gonio_app::compare::PAGE;
 use gonio_io::table::Table;
 
@@ -50,7 +50,10 @@ impl Column {
             }
             _ => (),
         }
-        let found = infer.get_arguments().find(|arg| arg.get_long() == Some(&key) && !arg.is_global_set());
+        let named = |arg: &Arg| {
+            arg.get_long() == Some(&key) || arg.get_all_aliases().is_some_and(|all| all.contains(&key.as_str()))
+        };
+        let found = infer.get_arguments().find(|arg| named(arg) && !arg.is_global_set());
         let Some(arg) = found.filter(|_| !matches!(key.as_str(), "help" | "json")) else {
             bail!(
                 "{}: column \"{}\" is not an option of gonio infer; use \"image\", \"name\" or a long option",

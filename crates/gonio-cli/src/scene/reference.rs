@@ -25,8 +25,8 @@ pub(super) struct ReferenceOptions {
     grey_card: Option<PathBuf>,
     /// Matte grey ball in the photograph: a disk, in pixels from the top left corner
     ///
-    /// The ball determines the same quantities as --white, and more reliably: it shows the light on
-    /// all sides of the object.
+    /// The ball determines the same quantities as --white. It shows the light on all visible
+    /// normals, and a patch only the light on one.
     #[arg(long, alias = "gray-ball", value_name = "X,Y,RADIUS", value_parser = parse_circle,
           conflicts_with_all = ["white", "grey_card", "color_checker"])]
     grey_ball: Option<Circle>,

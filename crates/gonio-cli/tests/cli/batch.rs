@@ -100,6 +100,9 @@ fn rejects_invalid_tables() {
         bench.write("photos/bad.csv", table.as_bytes());
         bench.refuses("batch photos/bad.csv -o x", &["photos/bad.csv", message]);
     }
+    // Aliases of options are columns, too.
+    bench.write("photos/bad.csv", b"image,materials\nball.exr,none.png\n");
+    bench.run("batch photos/bad.csv -o x").fails(&["none.png: cannot open"]);
     bench.refuses("batch none.csv -o x", &["none.csv: cannot open"]);
     bench.refuses("batch photos/list.csv -o x --shard 4/3", &["--shard"]);
     bench.refuses("batch --merge -o x", &["x/rows: cannot list"]);

@@ -1,4 +1,4 @@
-//! `gonio-eval bench` and `merge` on a small world of formulas.
+//! `gonio-eval bench` on a small world of formulas.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};

@@ -8,10 +8,10 @@ use glam::Vec3;
 use gonio::picture::Plane;
 use gonio::reflectance::{BivariateTable, MerlTable};
 use gonio_io::picture::{self, ReadOptions};
-use gonio_io::{Error, Kind, camera, merl, mesh, normals, npy};
+use gonio_io::{Error, Kind, merl, normals, npy};
 use image::{DynamicImage, ImageFormat};
 
-use crate::{colour, mutation};
+use crate::colour;
 
 /// Small, so that a corrupted header cannot request much memory.
 const OPTIONS: ReadOptions = ReadOptions { linear: false, max_pixels: 1 << 16, layer: None, colour_space: None };
@@ -192,23 +192,6 @@ fn damaged_merl_tables_never_panic() {
         let at = numbers.below(bad.len());
         bad[at] = numbers.below(256) as u8;
         let _ = read(&bad);
-    }
-}
-
-#[test]
-fn damaged_meshes_and_cameras_never_panic() {
-    for (name, good) in mutation::good() {
-        let mesh = |slack| check(name, &good, slack, mesh::decode);
-        match name {
-            // A truncated list of triangles is a valid mesh.
-            "a.obj" => mesh(good.len()),
-            // The line break of the last line may be missing.
-            "text.ply" => mesh(1),
-            "a.ply" | "a.glb" | "a.gltf" => mesh(0),
-            "camera.json" => check(name, &good, 0, |path, bytes| camera::decode_camera(path, bytes, (640, 480))),
-            "pose.json" => check(name, &good, 0, camera::decode_pose),
-            _ => {}
-        }
     }
 }
 

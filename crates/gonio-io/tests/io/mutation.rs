@@ -1,6 +1,7 @@
 //! Mutations of valid files.
 //!
-//! They are extreme numbers in headers, and replaced words in binary headers.
+//! They are extreme numbers in headers, replaced words in binary headers, truncation and flipped
+//! bits. The sequence of changes is fixed, so that failures are reproducible.
 
 use std::path::Path;
 
@@ -13,6 +14,8 @@ use crate::corpus::{check_error, read_with_all};
 
 /// Number of leading bytes that count as the header.
 const HEADER: usize = 600;
+/// Flipped bits tried for each file.
+const FLIPS: usize = 150;
 
 /// A wavy strip of triangles.
 fn strip() -> Mesh {
@@ -114,11 +117,29 @@ fn with_words(good: &[u8]) -> Vec<Vec<u8>> {
     lies
 }
 
+/// Returns truncated versions of the file and versions with one flipped bit.
+fn with_damage(good: &[u8]) -> Vec<Vec<u8>> {
+    let mut state = 7_u64;
+    let mut below = |n: usize| {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 33) as usize % n
+    };
+    let cuts = (0..good.len()).step_by((good.len() / 60).max(1)).map(|cut| good[..cut].to_vec());
+    let mut damaged: Vec<Vec<u8>> = cuts.collect();
+    for i in 0..FLIPS {
+        let mut bad = good.to_vec();
+        let at = below(if i % 2 == 0 { good.len().min(HEADER) } else { good.len() });
+        bad[at] ^= 1 << below(8);
+        damaged.push(bad);
+    }
+    damaged
+}
+
 #[test]
 fn readers_survive_mutated_files() {
     for (name, good) in good() {
         let path = Path::new(name);
-        for bad in with_numbers(&good).into_iter().chain(with_words(&good)) {
+        for bad in [with_numbers(&good), with_words(&good), with_damage(&good)].into_iter().flatten() {
             read_with_all(path, &bad).iter().for_each(|error| check_error(error, path));
         }
     }
@@ -129,4 +150,21 @@ fn valid_files_are_read() {
     for (name, good) in good() {
         assert!(read_with_all(Path::new(name), &good).len() < 16, "{name}: no reader accepts it");
     }
+}
+
+#[test]
+fn truncated_meshes_are_rejected() {
+    let refused = |name: &str, good: &[u8], slack: usize| {
+        for cut in 0..good.len() - slack {
+            assert!(mesh::decode(Path::new(name), &good[..cut]).is_err(), "{name} cut to {cut}");
+        }
+        assert!(mesh::decode(Path::new(name), good).is_ok(), "{name}");
+    };
+    let files = good();
+    let of = |name: &str| &files.iter().find(|f| f.0 == name).unwrap().1;
+    refused("a.ply", of("a.ply"), 0);
+    // The line break of the last line may be missing.
+    refused("text.ply", of("text.ply"), 1);
+    refused("a.glb", of("a.glb"), 0);
+    refused("a.gltf", of("a.gltf"), 0);
 }

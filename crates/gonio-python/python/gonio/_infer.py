@@ -314,7 +314,7 @@ def infer(
         width).
     grey_ball : (float, float, float), optional
         Matte grey ball in the image, for the same purpose: x, y and radius in pixels. The ball shows
-        the light on all sides of the object.
+        the light on all visible normals.
     color_checker : bool or sequence, default False
         24-patch colour chart (ColorChecker Classic) in the image, for the same purpose. True detects
         the chart; four (x, y) in pixels, or eight numbers, are the centres of its corner patches in

@@ -21,8 +21,8 @@ pub enum ReferenceError {
     },
     /// Too few pixels of the reference can be used.
     #[error(
-        "the reference has only {pixels} usable pixels, {least} are required; mark a larger part of the patch, or \
-         use a larger image"
+        "the reference has only {pixels} usable pixels, {least} are required; mark a larger \
+         part of it, or use a larger image"
     )]
     TooFewPixels {
         /// Number of pixels that are finite and not clipped.
@@ -83,7 +83,7 @@ pub enum ReferenceError {
     /// The patch has more colour than a neutral patch under captured light.
     #[error(
         "the reference is not neutral: its colour, ln(R/G) = {:.2} and ln(B/G) = {:.2}, is {distance:.1} away from \
-         white in natural logarithms (limit {most}); check that the patch is grey",
+         white in natural logarithms (limit {most}); check that the reference is grey",
         .log_chroma[0], .log_chroma[1]
     )]
     NotNeutral {

@@ -27,7 +27,7 @@ pub struct ReferenceLight {
     /// Mean radiance of a matte ball of reflectance one over its visible surface, if the reference
     /// is a ball.
     pub ball: Option<DVec3>,
-    /// Standard deviation of the logarithm of its luminance.
+    /// Standard deviation of the logarithm of the luminance of both.
     pub log_sd: f64,
 }
 

@@ -3,7 +3,8 @@
 //! A matte surface of reflectance `r` under irradiance `E` has the radiance `r E / pi`. A neutral
 //! reference therefore gives the colour of the light that falls on it. If the reference faces the
 //! camera, `E` is also the irradiance of a point of the object whose normal faces the camera, which
-//! fixes the scale of the reflectance ([`ReferenceLight::scale`]).
+//! fixes the scale of the reflectance ([`ReferenceLight::scale`]). A ball shows `E` for all visible
+//! normals.
 //!
 //! [`PatchReading`] measures one patch of known pixels, [`BallReading`] a matte ball.
 //! [`ChartReading`] measures a 24-patch ColorChecker Classic at given corners, and [`find_chart`]

@@ -67,16 +67,11 @@ impl Clipping {
         Self { level: clip_level(rgb, &everywhere, given), given: given.is_some() }
     }
 
-    /// Returns the level.
-    pub(super) fn level(self) -> Option<f32> {
-        self.level
-    }
-
     /// Returns the clip level for one patch.
     ///
     /// A patch without noise whose channels differ is a rendering and not clipped: saturated pixels
     /// vary in the other channels, or have the same value in all channels.
-    fn within(self, pixels: &[Vec3]) -> Option<f32> {
+    pub(super) fn within(self, pixels: &[Vec3]) -> Option<f32> {
         let first = pixels.first().copied().unwrap_or_default();
         let differs = first.max_element() > first.min_element();
         if !self.given && differs && pixels.iter().all(|pixel| *pixel == first) { None } else { self.level }

@@ -7,15 +7,14 @@ use std::f64::consts::PI;
 use std::path::Path;
 
 use anyhow::Result;
-use glam::{DQuat, DVec3};
-use gonio::colour::mean_irradiance;
+use glam::DVec3;
 use gonio::estimate::{ColouringRule, EstimateSettings, estimate, irradiance};
 use gonio::reference::ReferenceLight;
 use gonio::reflectance::BivariateTable;
 use gonio::sphere::OctahedralMap;
 
 use crate::data::{Lights, ModelOption};
-use crate::metrics::mean;
+use crate::metrics::{mean, median};
 use crate::multi_view::photograph;
 
 /// Rows to which an environment map is reduced, and texels along a side of the grid of its
@@ -40,41 +39,34 @@ pub(crate) fn run(data: &Path, options: &ScalesOptions) -> Result<()> {
     let model = options.model.read()?;
     let lights = Lights::open(data)?;
     let settings = EstimateSettings { colouring: ColouringRule::Grey, ..EstimateSettings::default() };
-    let (mut of_patch, mut of_ball) = (Vec::new(), Vec::new());
+    let mut errors = Vec::new();
     for (name, truth) in materials(data)? {
         for light in &options.lights {
             let map = lights.map(light)?;
+            let true_light = irradiance(&map.reduced(GRID.0).to_grid(OctahedralMap::EqualArea, GRID.1));
             let found = estimate(&model, &photograph(&truth, &map)?, &settings, &|_| ())?;
-            let true_light = map.reduced(GRID.0).to_grid(OctahedralMap::EqualArea, GRID.1);
-            let white = DVec3::splat(irradiance(&true_light) / PI);
-            let ball = Some(mean_irradiance(&true_light, DQuat::IDENTITY) / PI);
-            let error = |ball| {
-                let scale = ReferenceLight { white, ball, log_sd: 0.0 }.scale(&found.light.grid)?;
-                Some((scale.factor * found.material.table.normal_albedo() / truth.normal_albedo()).ln())
-            };
-            let (Some(patch), Some(ball)) = (error(None), error(ball)) else { continue };
-            println!("{name}, {light}: {:.3} of the albedo by a patch, {:.3} by a ball", patch.exp(), ball.exp());
-            of_patch.push(patch);
-            of_ball.push(ball);
+            let reference = ReferenceLight { white: DVec3::splat(true_light / PI), ball: None, log_sd: 0.0 };
+            let Some(scale) = reference.scale(&found.light.grid) else { continue };
+            let error = (scale.factor * found.material.table.normal_albedo() / truth.normal_albedo()).ln();
+            println!("{name}, {light}: {:.3} of the albedo", error.exp());
+            errors.push(error);
         }
     }
-    println!();
-    for (reference, errors) in [("patch", of_patch), ("ball", of_ball)] {
+    let off = |share: f64| {
         let mut sorted: Vec<f64> = errors.iter().map(|error: &f64| error.abs()).collect();
         sorted.sort_by(f64::total_cmp);
-        let off = |share: f64| {
-            sorted.get((share * sorted.len() as f64) as usize).map_or(f64::NAN, |error| 100.0 * (error.exp() - 1.0))
-        };
-        println!(
-            "{reference}, {} photographs: the albedo is off by {:.1} % in the median, by {:.1} % in nine of ten; logarithm: \
-             mean {:.3}, root mean square {:.3}",
-            errors.len(),
-            off(0.5),
-            off(0.9),
-            mean(&errors),
-            mean(&errors.iter().map(|error| error * error).collect::<Vec<_>>()).sqrt(),
-        );
-    }
+        sorted.get((share * sorted.len() as f64) as usize).map_or(f64::NAN, |error| 100.0 * (error.exp() - 1.0))
+    };
+    println!(
+        "\n{} photographs: the albedo is off by {:.1} % in the median, by {:.1} % in nine of ten; logarithm: median {:.3}, mean {:.3}, \
+         root mean square {:.3}",
+        errors.len(),
+        off(0.5),
+        off(0.9),
+        median(errors.clone()),
+        mean(&errors),
+        mean(&errors.iter().map(|error| error * error).collect::<Vec<_>>()).sqrt(),
+    );
     Ok(())
 }
 

@@ -33,4 +33,6 @@ pub use learn::ColourSample;
 pub(crate) use model::tests::plain;
 pub use model::{ColourModel, DifferencePosterior, LightComponent};
 pub(crate) use model::{DRAW_FREEDOM, DRAW_INFLATION};
-pub use white::{is_grey, mean_irradiance, white_chroma};
+#[cfg(test)]
+pub(crate) use white::mean_irradiance;
+pub use white::{is_grey, white_chroma};

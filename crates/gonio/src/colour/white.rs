@@ -21,7 +21,7 @@ pub fn white_chroma(light: &LightGrid, camera: DQuat) -> Chroma {
 /// Returns the irradiance of a ball in linear RGB, averaged over its visible surface.
 ///
 /// The direction to the camera is `camera` times `+z`.
-pub fn mean_irradiance(light: &LightGrid, camera: DQuat) -> DVec3 {
+pub(crate) fn mean_irradiance(light: &LightGrid, camera: DQuat) -> DVec3 {
     let normals: Vec<DVec3> = fibonacci_hemisphere(500).map(|n| camera * n).collect();
     let mut sum = DVec3::ZERO;
     for (texel, radiance) in light.texels().iter().enumerate() {

@@ -2,9 +2,9 @@
 
 use std::f64::consts::PI;
 
-use glam::{DQuat, DVec3};
+use glam::DVec3;
 
-use crate::colour::{Chroma, mean_irradiance};
+use crate::colour::Chroma;
 use crate::estimate::irradiance;
 use crate::lighting::LightGrid;
 use crate::picture::luminance;
@@ -14,13 +14,14 @@ pub(super) const REFLECTANCE_LOG_SD: f64 = 0.05;
 
 /// Standard deviation of the log irradiance of an estimated light, given a true albedo.
 ///
-/// Nine in ten of 84 renderings deviate by less than 20.5 % (docs/references.md).
+/// Nine in ten of 84 renderings deviate by less than 22.8 % (docs/references.md).
 const ESTIMATE_LOG_SD: f64 = 0.12;
 
 /// Light on a reference.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ReferenceLight {
-    /// Radiance of a matte surface of reflectance one at the reference: irradiance over pi.
+    /// Radiance of a matte surface of reflectance one at the reference, or at the centre of a ball:
+    /// irradiance over pi.
     ///
     /// Linear RGB on the scale of the photograph.
     pub white: DVec3,
@@ -48,17 +49,13 @@ impl ReferenceLight {
 
     /// Returns the absolute scale of the reflectance that was estimated together with `light`.
     ///
-    /// The reference must be under the same light, and face the camera unless it is a ball. The
+    /// The reference must face the camera under the same light; a ball does at its centre. The
     /// photograph shows the product of reflectance and light: if the estimated light is too bright
     /// by a factor, the reflectance is too low by the same factor.
     ///
     /// Returns `None` if either irradiance is not positive and finite.
     pub fn scale(&self, light: &LightGrid) -> Option<AbsoluteScale> {
-        let luminance = |rgb: DVec3| f64::from(luminance(rgb.as_vec3()));
-        let factor = match self.ball {
-            Some(ball) => luminance(mean_irradiance(light, DQuat::IDENTITY)) / (PI * luminance(ball)),
-            None => irradiance(light) / (PI * luminance(self.white)),
-        };
+        let factor = irradiance(light) / (PI * f64::from(luminance(self.white.as_vec3())));
         let log_sd = self.log_sd.hypot(ESTIMATE_LOG_SD);
         (factor.is_finite() && factor > 0.0).then_some(AbsoluteScale { factor, log_sd })
     }

@@ -19,6 +19,7 @@ pub mod document;
 pub mod draws;
 pub mod export;
 pub mod folder;
+mod inpaint;
 mod mask;
 mod mirror;
 mod paper;

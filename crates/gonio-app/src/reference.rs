@@ -69,6 +69,14 @@ pub struct MeasuredReference {
 }
 
 impl Reference {
+    /// Returns the outline of a grey ball.
+    pub(crate) fn grey_ball_outline(&self) -> Option<Circle> {
+        match self.target {
+            ReferenceTarget::GreyBall(circle) => Some(circle),
+            _ => None,
+        }
+    }
+
     /// Measures the reference in an image. `name` is the name of the photograph in messages, `clip`
     /// the radiance at which its channels clip, if known.
     ///

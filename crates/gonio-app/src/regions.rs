@@ -14,6 +14,7 @@ use gonio_report::regions::{Row, outlined, page};
 
 use crate::answer::{InferenceContext, InferenceResult, MethodResult, assemble, of_one, solve};
 use crate::mask::disk_of;
+use crate::reference::Reference;
 use crate::results::{MATERIALS, REPORT, RESULT};
 use crate::scene::{LoadedScene, RegionMask};
 use crate::shape::CIRCLE_AND_CAMERA;
@@ -92,7 +93,23 @@ pub fn infer_all(
 
 /// Whether a scene whose ball is to be detected shows several separate balls.
 pub(crate) fn shows_several_balls(scene: &LoadedScene) -> bool {
-    matches!(scene.object, Object::Sphere(None)) && separate_balls(scene.picture(), scene.mask.as_ref()).len() > 1
+    matches!(scene.object, Object::Sphere(None)) && balls_in(scene).len() > 1
+}
+
+/// Returns the coverage of each separate ball, except for a grey ball as reference.
+fn balls_in(scene: &LoadedScene) -> Vec<Plane<f32>> {
+    let reference = scene.reference.as_ref().and_then(Reference::grey_ball_outline);
+    let is_reference = |ball: &Plane<f32>| {
+        reference.is_some_and(|circle| {
+            let within = |v: f64, side: usize| (0.0..side as f64).contains(&v);
+            within(circle.x, ball.width())
+                && within(circle.y, ball.height())
+                && ball[(circle.x as usize, circle.y as usize)] > 0.5
+        })
+    };
+    let mut balls = separate_balls(scene.picture(), scene.mask.as_ref());
+    balls.retain(|ball| !is_reference(ball));
+    balls
 }
 
 /// Infers the material of each region of a photograph, under one light.
@@ -205,7 +222,7 @@ pub(crate) fn region_masks(scene: &LoadedScene, regions: &Regions) -> Result<Vec
             Ok(circles.iter().enumerate().map(of).collect())
         }
         Regions::Balls => {
-            let found = separate_balls(picture, mask);
+            let found = balls_in(scene);
             if found.len() > MAX_REGIONS {
                 let problem = format!(
                     "detected {} balls, more than the limit of {MAX_REGIONS}; select balls by a mask or circles",

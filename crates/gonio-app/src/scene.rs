@@ -3,12 +3,13 @@
 use std::sync::Arc;
 
 use gonio::picture::{Picture, Plane};
-use gonio::scene::{Detection, Object, ObservationSettings, SceneError, SceneWarning};
+use gonio::scene::{Detection, Object, ObservationSettings, SceneError, SceneWarning, outline_of_ball};
 use gonio::shape::Camera;
 use gonio::sphere::OctahedralMap;
 use gonio_io::result::Observations;
 
 use crate::document::{self, ShapeOrigin};
+use crate::inpaint::inpaint_ball;
 use crate::mask::{alike, resampled};
 use crate::{
     AppError, MeasuredReference, Photograph, PhotographSource, ProgressLog, Reading, Reference, Shape, Source, Warning,
@@ -108,7 +109,13 @@ impl Scene {
         let mask = read_mask(self.mask, size, warnings)?;
         progress_log.report("reading", 0.5);
         let camera = self.shape.camera(size)?;
-        let (object, origin) = self.shape.object_before(camera, &self.name, size, warnings)?;
+        let (mut object, origin) = self.shape.object_before(camera, &self.name, size, warnings)?;
+        if let (Object::Sphere(None), Some(ball)) = (&object, self.reference.as_ref().and_then(Reference::grey_ball_outline))
+            // If this fails, the detection in the whole photograph explains why.
+            && let Ok((circle, _)) = outline_of_ball(&inpaint_ball(&photograph.picture, &ball), mask.as_ref())
+        {
+            object = Object::Sphere(Some(circle));
+        }
         Ok(LoadedScene {
             photograph: Arc::new(photograph),
             mask,

@@ -22,7 +22,7 @@ use rayon::prelude::*;
 use thiserror::Error;
 
 use gonio_io::folder::files;
-use gonio_io::model::{decode_arrays, encode_arrays};
+use gonio_io::model::{decode_arrays, embedded, encode_arrays};
 use gonio_io::picture::ReadOptions;
 use gonio_io::{Error, bivariate, brdf};
 
@@ -425,28 +425,48 @@ fn decode_checkpoint(path: &Path, bytes: &[u8]) -> Result<(String, Checkpoint), 
 const COLOURS: &str = "colours by gonio";
 
 /// Start of the note on the origin of a light prior.
-pub const LIGHT_PRIOR: &str = "light prior";
+const LIGHT_PRIOR: &str = "light prior";
 
 /// Start of the note on the origin of a reflectance basis.
-pub const REFLECTANCE_BASIS: &str = "reflectance basis";
+const REFLECTANCE_BASIS: &str = "reflectance basis";
 
 /// Start of the note on the origin of a posterior of materials.
-pub const POSTERIOR: &str = "posterior of materials";
+const POSTERIOR: &str = "posterior of materials";
 
 /// Returns the note of a model on the origin of the part whose note has this start.
-pub fn provenance_of(model: &Model, start: &str) -> String {
+fn provenance_of(model: &Model, start: &str) -> String {
     model.provenance.split("; ").find(|part| part.starts_with(start)).unwrap_or_default().to_owned()
 }
 
-/// Joins the parts, each with the note on its origin, into a model.
+/// Returns the posterior of a model, and the note on its origin, as the start of a training. `name`
+/// is the name of the model in messages.
+///
+/// # Errors
+/// If the model has no posterior.
+pub fn initial(model: &Model, name: &str) -> Result<(LearntPosterior, String), TrainingError> {
+    let missing = "has no posterior of materials; use a model with one (gonio train posterior)";
+    let learnt = model.learnt.clone().ok_or_else(|| TrainingError::Data(name.to_owned(), missing.into()))?;
+    Ok((learnt, provenance_of(model, POSTERIOR)))
+}
+
+/// Joins the parts, each with the note on its origin, into a model. Without a light prior or a
+/// reflectance basis, it uses that of the embedded model.
 ///
 /// # Errors
 /// If the parts do not match.
 pub fn join(
-    light: (LightPrior, String),
-    reflectance: (ReflectanceBasis, String),
+    light: Option<(LightPrior, String)>,
+    reflectance: Option<(ReflectanceBasis, String)>,
     posterior: Option<(LearntPosterior, String)>,
 ) -> Result<Model, TrainingError> {
+    let (light, reflectance) = match (light, reflectance) {
+        (Some(light), Some(reflectance)) => (light, reflectance),
+        (light, reflectance) => {
+            let base = embedded()?;
+            let [of_light, of_reflectance] = [LIGHT_PRIOR, REFLECTANCE_BASIS].map(|part| provenance_of(&base, part));
+            (light.unwrap_or((base.light, of_light)), reflectance.unwrap_or((base.reflectance, of_reflectance)))
+        }
+    };
     let mut provenance = format!("{}; {}", light.1, reflectance.1);
     let posterior = posterior.map(|(learnt, more)| {
         provenance = format!("{provenance}; {more}");

@@ -4,7 +4,6 @@ use std::cell::RefCell;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result, anyhow};
-use gonio::inference::learnt::LearntPosterior;
 use gonio::sphere::OctahedralMap;
 use gonio_app::training::{
     self, LightingSettings, Lights, Materials, PosteriorSettings, ReflectanceSettings, Resumption, TrainingError,
@@ -263,16 +262,12 @@ fn reflectance(options: &TrainReflectanceOptions) -> Result<Outcome> {
     Ok(outcome)
 }
 
-/// Returns the posterior of a model, or of the embedded one, and the note on its origin.
-fn initial(path: Option<&Path>) -> Result<(LearntPosterior, String)> {
-    let (model, name) = input::model(path)?;
-    let missing = || anyhow!("{name}: has no posterior of materials; use a model with one (gonio train posterior)");
-    let learnt = model.learnt.clone().ok_or_else(missing)?;
-    Ok((learnt, training::provenance_of(&model, training::POSTERIOR)))
-}
-
 fn posterior(options: &TrainPosteriorOptions) -> Result<Outcome> {
-    let initial = options.initial.as_ref().map(|path| initial(path.as_deref())).transpose()?;
+    let initial = |path: &Option<PathBuf>| -> Result<_> {
+        let (model, name) = input::model(path.as_deref())?;
+        Ok(training::initial(&model, &name)?)
+    };
+    let initial = options.initial.as_ref().map(initial).transpose()?;
     let settings = PosteriorSettings {
         channel: options.channel.of(),
         views: options.views,
@@ -332,17 +327,8 @@ fn recolour(options: &TrainColoursOptions) -> Result<Outcome> {
 }
 
 fn join(options: &TrainModelOptions) -> Result<Outcome> {
-    let base = embedded()?;
-    let [of_light, of_reflectance] =
-        [training::LIGHT_PRIOR, training::REFLECTANCE_BASIS].map(|part| training::provenance_of(&base, part));
-    let light = match &options.lighting {
-        Some(path) => read_lighting(path)?,
-        None => (base.light, of_light),
-    };
-    let reflectance = match &options.reflectance {
-        Some(path) => read_reflectance(path)?,
-        None => (base.reflectance, of_reflectance),
-    };
+    let light = options.lighting.as_ref().map(read_lighting).transpose()?;
+    let reflectance = options.reflectance.as_ref().map(read_reflectance).transpose()?;
     let posterior = options.posterior.as_ref().map(read_posterior).transpose()?;
     let model = training::join(light, reflectance, posterior)?;
     write_file(&options.output, &encode_model(&model))?;

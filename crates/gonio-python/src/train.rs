@@ -163,6 +163,7 @@ pub(crate) struct PosteriorOptions {
     views: Option<usize>,
     draws: Option<usize>,
     steps: Option<usize>,
+    initial: Option<Py<Model>>,
     seed: u64,
 }
 
@@ -178,7 +179,9 @@ pub(crate) fn train_posterior(
     let (lights, materials) = (lights.take()?, materials.take()?);
     let (bytes, provenance) = work::run(py, listeners, move |reporter| {
         let default = PosteriorSettings::default();
+        let initial = |model: &Py<Model>| training::initial(&model.get().model, &model.get().name);
         let settings = PosteriorSettings {
+            initial: options.initial.as_ref().map(initial).transpose()?,
             channel: channel(&options.channel)?,
             views: options.views.unwrap_or(default.views),
             draws: options.draws.unwrap_or(default.draws),
@@ -195,20 +198,28 @@ pub(crate) fn train_posterior(
     Ok((PyBytes::new(py, &bytes).unbind(), provenance))
 }
 
-/// Joins the parts of a model, each given as the bytes of a file and its name in messages.
+/// Bytes of a part of a model, and its name in messages.
+type GivenPart = Option<(Vec<u8>, String)>;
+
+/// Joins the parts of a model.
 #[pyfunction]
 #[pyo3(signature = (lighting, reflectance, posterior))]
 pub(crate) fn join(
     py: Python<'_>,
-    lighting: (Vec<u8>, String),
-    reflectance: (Vec<u8>, String),
-    posterior: Option<(Vec<u8>, String)>,
+    lighting: GivenPart,
+    reflectance: GivenPart,
+    posterior: GivenPart,
 ) -> PyResult<Model> {
+    fn decoded<T>(
+        part: GivenPart,
+        decode: impl Fn(&Path, &[u8]) -> Result<T, gonio_io::Error>,
+    ) -> Result<Option<T>, gonio_io::Error> {
+        part.map(|(bytes, name)| decode(Path::new(&name), &bytes)).transpose()
+    }
     let join = || -> Result<_, AppError> {
-        let light = decode_lighting(Path::new(&lighting.1), &lighting.0)?;
-        let basis = decode_reflectance(Path::new(&reflectance.1), &reflectance.0)?;
-        let posterior = posterior.map(|(bytes, name)| decode_posterior(Path::new(&name), &bytes)).transpose()?;
-        Ok(training::join(light, basis, posterior)?)
+        let light = decoded(lighting, decode_lighting)?;
+        let basis = decoded(reflectance, decode_reflectance)?;
+        Ok(training::join(light, basis, decoded(posterior, decode_posterior)?)?)
     };
     let model = py.detach(join).map_err(|problem| raise(&problem, py))?;
     Ok(Model::learnt(Arc::new(model)))

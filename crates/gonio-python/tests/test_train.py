@@ -39,6 +39,10 @@ def test_a_trained_model_can_be_used(small, tmp_path):
     assert np.array_equal(gonio.infer(small, model=model, grid=8, pictures=False, force=True).brdf.table, found.brdf.table)
     # Pickled results contain the trained model.
     assert pickle.loads(pickle.dumps(found)).draw(2).shape == (2, 90, 90)
+    # The untrained parts are those of the embedded model.
+    assert gonio.train_model(posterior=posterior).largest_grid == gonio.Model.embedded().largest_grid
+    again = gonio.train_posterior(lights()[:1], materials(), views=2, draws=10, steps=2, initial=model)
+    assert again.provenance.endswith(f"from the network of: {posterior.provenance}")
     with pytest.raises(gonio.GonioError, match="the model: has no posterior of materials"):
         gonio.infer(small, model=gonio.train_model(lighting, basis), grid=8, pictures=False)
 

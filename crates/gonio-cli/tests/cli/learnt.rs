@@ -85,6 +85,8 @@ fn rejects_models_without_a_posterior() {
     let message =
         ["bare.model: has no posterior", "gonio train posterior", "gonio train model --posterior", "--method"];
     bench.refuses("infer ball.exr -o out --model bare.model", &message);
+    let training = "train posterior --lights none --materials none -o x.posterior --initial bare.model";
+    bench.refuses(training, &["bare.model: has no posterior", "use a model with one"]);
 }
 
 #[test]

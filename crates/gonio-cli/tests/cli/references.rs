@@ -125,6 +125,13 @@ fn a_grey_ball_determines_colour_and_scale() {
     let truth = f64::from(DARKER) * material(0.1, 0.3).normal_albedo();
     assert!(low < truth && truth < high, "{albedo} ({low} to {high}), {truth}");
     assert!((bench.luminance("out").normal_albedo() / albedo - 1.0).abs() < 1e-3);
+    // The grey ball is not taken for a second object.
+    let checked = bench.run("check ball.exr --grey-ball 72,24,22 --json").succeeds();
+    let printed: serde_json::Value = serde_json::from_str(&checked.stdout).unwrap();
+    assert_eq!(printed["objects"].as_array().map(Vec::len), Some(1), "{checked:?}");
+    bench.run("infer ball.exr -o detected --grid 8 --grey-ball 72,24,22").succeeds();
+    let detected = reference(&bench, "detected");
+    assert!((detected.1 / albedo - 1.0).abs() < 0.05, "{} {albedo}", detected.1);
 }
 
 #[test]

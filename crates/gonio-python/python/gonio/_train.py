@@ -170,6 +170,7 @@ def train_posterior(
     views: int | None = None,
     draws: int | None = None,
     steps: int | None = None,
+    initial: Model | None = None,
     seed: int = 1,
     progress: Progress | None = None,
 ) -> ModelPart:
@@ -189,6 +190,9 @@ def train_posterior(
         Number of materials in each group of simulated scenes.
     steps : int, optional
         Number of training steps, each on 128 simulated photographs.
+    initial : Model, optional
+        Model whose network initialises the training, for example ``gonio.Model.embedded()``. The
+        training then needs fewer steps.
     seed : int, default 1
         Seed of all random numbers.
     progress : callable, optional
@@ -208,19 +212,25 @@ def train_posterior(
         "views": None if views is None else integer(views, "views"),
         "draws": None if draws is None else integer(draws, "draws"),
         "steps": None if steps is None else integer(steps, "steps"),
+        "initial": initial,
         "seed": integer(seed, "seed"),
     }
     data, provenance = _gonio.train_posterior(_lights(lights), _materials(materials), options, _listeners(progress))
     return ModelPart("posterior", provenance, data)
 
 
-def train_model(lighting: ModelPart | Path, reflectance: ModelPart | Path, posterior: ModelPart | Path | None = None) -> Model:
+def train_model(
+    lighting: ModelPart | Path | None = None,
+    reflectance: ModelPart | Path | None = None,
+    posterior: ModelPart | Path | None = None,
+) -> Model:
     """Join trained parts into a model.
 
     Parameters
     ----------
-    lighting, reflectance : ModelPart or path
-        Results of :func:`train_lighting` and :func:`train_reflectance`, or their files.
+    lighting, reflectance : ModelPart or path, optional
+        Results of :func:`train_lighting` and :func:`train_reflectance`, or their files. The default
+        is the part of the embedded model.
     posterior : ModelPart or path, optional
         Result of :func:`train_posterior`, or its file. :func:`gonio.infer` requires it, except for
         the methods of the paper.
@@ -234,10 +244,12 @@ def train_model(lighting: ModelPart | Path, reflectance: ModelPart | Path, poste
     --------
     >>> model = gonio.train_model("lighting.prior", "reflectance.basis")  # doctest: +SKIP
     """
-    return _gonio.join(_part(lighting), _part(reflectance), None if posterior is None else _part(posterior))
+    return _gonio.join(_part(lighting), _part(reflectance), _part(posterior))
 
 
-def _part(part: ModelPart | Path) -> tuple[bytes, str]:
+def _part(part: ModelPart | Path | None) -> tuple[bytes, str] | None:
+    if part is None:
+        return None
     if isinstance(part, ModelPart):
         return part.data, f"the {part.kind}"
     if not is_path(part):

@@ -263,4 +263,5 @@ class PosteriorOptions(TypedDict):
     views: int | None
     draws: int | None
     steps: int | None
+    initial: Model | None
     seed: int

@@ -226,6 +226,7 @@ impl CombinedResult {
             quantiles: Some(BrdfQuantiles { levels: levels(), luminance, channels: None }),
             posterior: Some(self.saved.encode()),
             light: None,
+            albedo_map: None,
             pictures: self.pictures.iter().map(|(name, picture)| (*name, encode_png(picture))).collect(),
             document: result::encode(&self.document),
             page: self.page(),

@@ -28,6 +28,8 @@ pub const EARLIER_BRDF: &str = "brdf.binary";
 const EARLIER_QUANTILES: [&str; 2] = ["brdf_quantiles.npy", "brdf_rgb_quantiles.npy"];
 /// The light, as a lat-long map.
 pub const LIGHT: &str = "light.exr";
+/// Reflectance of each pixel relative to that of the estimated paint.
+pub const ALBEDO: &str = "albedo.exr";
 /// JSON file of all numbers.
 pub const RESULT: &str = "result.json";
 /// HTML report.
@@ -41,7 +43,7 @@ pub const LIGHT_ROWS: usize = 128;
 
 /// Lists the names of all files in a folder of results, without the folders of regions and exports.
 pub(crate) fn names() -> impl Iterator<Item = String> {
-    let plain = [BRDF, LIGHT, RESULT, REPORT, MATERIALS, gonio_io::posterior::FILE];
+    let plain = [BRDF, LIGHT, ALBEDO, RESULT, REPORT, MATERIALS, gonio_io::posterior::FILE];
     let earlier = EARLIER_QUANTILES.into_iter().chain([EARLIER_BRDF]);
     plain.into_iter().chain(earlier).map(str::to_owned).chain(PICTURES.iter().map(|name| format!("{name}.png")))
 }
@@ -94,6 +96,9 @@ pub struct Files {
     pub posterior: Option<Vec<u8>>,
     /// The light, lat-long, in linear Rec. 709.
     pub light: Option<Plane<Vec3>>,
+    /// Reflectance of each pixel relative to that of the estimated paint, in linear Rec. 709, if
+    /// the object has two paints. Zero off the object and where it is unknown.
+    pub albedo_map: Option<Plane<Vec3>>,
     /// Pictures by their names in [`PICTURES`], as PNG.
     pub pictures: Vec<(&'static str, Vec<u8>)>,
     /// `result.json`.
@@ -112,11 +117,15 @@ pub fn levels() -> Vec<f32> {
 impl Files {
     /// Returns names and contents of the files.
     pub fn encode(self) -> Vec<(String, Vec<u8>)> {
-        let Self { tables, quantiles, posterior, light, pictures, document, page, space } = self;
+        let Self { tables, quantiles, posterior, light, albedo_map, pictures, document, page, space } = self;
         let (tables, _) = from_rec709(&tables, space);
         let mut files = vec![(BRDF.to_owned(), result_brdf::encode(&ResultBrdf { tables, quantiles }))];
         files.extend(posterior.map(|posterior| (gonio_io::posterior::FILE.to_owned(), posterior)));
         files.extend(light.map(|light| (LIGHT.to_owned(), encode_exr_in(&light, None, space))));
+        files.extend(albedo_map.map(|albedo| {
+            let known = albedo.map(|value| if *value == Vec3::ZERO { 0.0 } else { 1.0 });
+            (ALBEDO.to_owned(), encode_exr_in(&albedo, Some(&known), ColourSpace::Rec709))
+        }));
         files.extend(pictures.into_iter().map(|(name, png)| (format!("{name}.png"), png)));
         files.extend(page.map(|page| (REPORT.to_owned(), page.into_bytes())));
         files.push((RESULT.to_owned(), document.into_bytes()));
@@ -155,6 +164,15 @@ impl InferenceResult {
         light.to_lat_long(LIGHT_ROWS).map(|radiance| factor * *radiance)
     }
 
+    /// Returns the reflectance of each pixel relative to that of the estimated paint, if the object
+    /// has two paints. Zero off the object and where it is unknown.
+    pub fn albedo_map(&self) -> Option<Plane<Vec3>> {
+        let detection = &self.scene.detection;
+        let relative = detection.observations.albedo_map.as_ref()?;
+        let (width, height) = relative.size();
+        Some(Plane::from_fn(width, height, |x, y| if detection.contains(x, y) { relative[(x, y)] } else { Vec3::ZERO }))
+    }
+
     /// Returns the contents of the folder of results.
     pub fn files(&self) -> Files {
         let scaled = |quantiles: Vec<Vec<f32>>| {
@@ -172,6 +190,7 @@ impl InferenceResult {
             quantiles,
             posterior: self.saved.as_ref().map(SavedPosterior::encode),
             light: estimated.or_else(|| self.known_light.as_ref().map(|known| known.radiance().clone())),
+            albedo_map: self.albedo_map(),
             pictures: self.pictures().par_iter().map(|(name, picture)| (*name, encode_png(picture))).collect(),
             document: result::encode(&self.document),
             page: self.page.clone(),

@@ -177,7 +177,8 @@ pub(crate) struct SavedResult<'py> {
     table: Bound<'py, PyArray3<f32>>,
     likelihood: Option<Bound<'py, Likelihood>>,
     light: Option<Bound<'py, PyArray3<f32>>>,
-    quantiles: Option<Bound<'py, PyArray3<f32>>>,
+    albedo_map: Option<Bound<'py, PyArray3<f32>>>,
+    luminance_quantiles: Option<Bound<'py, PyArray3<f32>>>,
     rgb_quantiles: Option<Bound<'py, PyArray4<f32>>>,
     /// Pictures by name, of 8-bit samples of shape (height, width, 3). Pictures that are not part
     /// of a result folder are ignored.
@@ -189,11 +190,12 @@ pub(crate) struct SavedResult<'py> {
 /// Writes a result folder, completely or, on error, not at all.
 #[pyfunction]
 pub(crate) fn save(py: Python<'_>, folder: PathBuf, result: SavedResult<'_>) -> PyResult<()> {
-    let SavedResult { table, likelihood, light, quantiles, rgb_quantiles, pictures, notes, page } = result;
+    let SavedResult { table, likelihood, light, albedo_map, luminance_quantiles, rgb_quantiles, pictures, notes, page } =
+        result;
     let held = PICTURES.into_iter().filter_map(|name| pictures.get(name).map(|samples| (name, samples)));
     let files = Files {
         tables: arrays::tables(&table)?,
-        quantiles: quantiles.map(|quantiles| BrdfQuantiles {
+        quantiles: luminance_quantiles.map(|quantiles| BrdfQuantiles {
             levels: levels(),
             luminance: rows(quantiles.readonly().as_array().iter().copied()),
             channels: rgb_quantiles.map(|quantiles| {
@@ -204,6 +206,7 @@ pub(crate) fn save(py: Python<'_>, folder: PathBuf, result: SavedResult<'_>) -> 
         }),
         posterior: likelihood.map(|likelihood| likelihood.get().0.encode()),
         light: light.map(|light| arrays::colours(&light)).transpose()?,
+        albedo_map: albedo_map.map(|map| arrays::colours(&map)).transpose()?,
         pictures: held.map(|(name, samples)| Ok((name, png(samples)?))).collect::<PyResult<_>>()?,
         page,
         space: space_of(&notes).map_err(|error| raise(&error.into(), py))?,

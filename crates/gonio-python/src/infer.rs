@@ -252,7 +252,7 @@ pub(crate) fn of_material<'py>(
     let ends = material.ends.tables.each_ref().map(|end| arrays::of_tables(py, &field.tables(&end.scaled(scale))));
     out.set_item("ends", ends)?;
     let quantiles: Vec<f32> = material.quantiles.iter().flatten().map(|v| v * scale as f32).collect();
-    out.set_item("quantiles", arrays::array(py, (material.quantiles.len(), THETA_H, THETA_D), quantiles))?;
+    out.set_item("luminance_quantiles", arrays::array(py, (material.quantiles.len(), THETA_H, THETA_D), quantiles))?;
     let channels = channels.map(|channels| {
         let count = material.quantiles.len();
         let cells = (0..count).flat_map(|q| (0..THETA_H * THETA_D).map(move |cell| (q, cell)));
@@ -267,7 +267,7 @@ pub(crate) fn of_material<'py>(
     out.set_item("materials", materials)?;
     let three = |values: [f64; 3]| arrays::array(py, 3, values.to_vec());
     out.set_item("peak_to_body", three(material.peak_to_body))?;
-    out.set_item("alpha", three(material.highlight.alpha))?;
+    out.set_item("ggx_alpha", three(material.highlight.alpha))?;
     // Gloss units are proportional to the scale of the table.
     out.set_item("gloss_units", material.highlight.units.map(|units| three(units.map(|u| u * scale))))?;
     out.set_item("verdict", material.verdict())?;
@@ -295,6 +295,7 @@ fn result_dict<'py>(
     let pictures = pictures(&answer);
     let estimated = answer.light.as_ref().map(|light| answer.lat_long(light));
     let light = estimated.or_else(|| answer.known_light.as_ref().map(|light| light.radiance().clone()));
+    let albedo_map = answer.albedo_map();
     let InferenceResult { table, material, saved, scale, residual: left, document, warnings, page, .. } = answer;
     let out = match material.zip(saved) {
         Some((material, saved)) => {
@@ -307,6 +308,7 @@ fn result_dict<'py>(
         None => of_table(py, table.scaled(scale), &field)?,
     };
     out.set_item("light", light.map(|light| arrays::of_colours(py, light)))?;
+    out.set_item("albedo_map", albedo_map.map(|map| arrays::of_colours(py, map)))?;
     out.set_item("light_color", arrays::array(py, 3, light_colour.to_array().to_vec()))?;
     out.set_item("misfit", left.1)?;
     out.set_item("pictures", shown(py, pictures)?)?;

@@ -102,8 +102,8 @@ pub(crate) fn normal_albedo(table: &Bound<'_, PyArray3<f32>>) -> PyResult<f64> {
     Ok(BivariateTable::luminance(&arrays::tables(table)?).normal_albedo())
 }
 
-/// Returns gloss, GGX alpha (1 without a highlight) and gloss units at 20 and 60 degrees. The
-/// luminance tables have the shape (count, 90, 90), the result (count, 4).
+/// Returns the ratio of peak to body, the GGX alpha (1 without a highlight), and gloss units at 20
+/// and 60 degrees. The luminance tables have the shape (count, 90, 90), the result (count, 4).
 #[pyfunction]
 pub(crate) fn highlights<'py>(
     py: Python<'py>,

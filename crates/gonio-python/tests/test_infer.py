@@ -22,10 +22,10 @@ QUICK = {"grid": 8, "pictures": False}
 
 def test_the_sample_is_a_glossy_ball(found):
     assert found.brdf.table.shape == (90, 90, 3) and found.brdf.table.dtype == np.float32
-    assert found.quantiles.shape == (4, 90, 90) and found.undetermined.shape == (90, 90)
+    assert found.luminance_quantiles.shape == (4, 90, 90) and found.undetermined.shape == (90, 90)
     assert found.undetermined.dtype == np.bool_
     assert found.light.shape == (128, 256, 3) and found.light.min() >= 0
-    assert (np.diff(found.quantiles, axis=0) >= 0).all()
+    assert (np.diff(found.luminance_quantiles, axis=0) >= 0).all()
     assert found.peak_to_body[0] <= found.peak_to_body[1] <= found.peak_to_body[2]
     assert found.brdf.albedo == pytest.approx(0.5, abs=1e-3)
     assert found.misfit < 0.2
@@ -56,7 +56,7 @@ def test_arrays_and_files_give_the_same_result(found, photograph):
 
 
 def test_results_are_not_copied(found):
-    for array in (found.quantiles, found.light, found.luminance, found.undetermined, found.brdf.table):
+    for array in (found.luminance_quantiles, found.light, found.luminance, found.undetermined, found.brdf.table):
         # Rust owns the memory; NumPy references the object that frees it.
         assert not array.flags.owndata and array.base is not None and array.flags.writeable
     assert np.shares_memory(np.asarray(found.brdf), found.brdf.table)
@@ -197,15 +197,15 @@ def test_ctrl_c_stops_the_inference(ball):
 def test_posteriors_can_be_pickled(found):
     travelled = pickle.loads(pickle.dumps(found, protocol=5))
     assert np.array_equal(travelled.brdf.table, found.brdf.table)
-    assert np.array_equal(travelled.samples, found.samples)
+    assert np.array_equal(travelled.luminance_draws, found.luminance_draws)
     assert travelled.result == found.result and travelled.model is gonio.Model.embedded()
     assert travelled.relight(size=16).shape == (16, 16, 4)
 
 
 def test_draws_depend_only_on_the_seed(found):
-    assert found.samples.shape == (64, 90, 90)
+    assert found.luminance_draws.shape == (64, 90, 90)
     assert np.array_equal(found.draw(5, seed=3), found.draw(5, seed=3))
     assert not np.array_equal(found.draw(5, seed=3), found.draw(5, seed=4))
     # About half of the draws are in the 50 % interval.
-    cell = found.samples[:, 5, 5]
-    assert 0.2 < np.mean((cell >= found.quantiles[1, 5, 5]) & (cell <= found.quantiles[2, 5, 5])) <= 1
+    cell = found.luminance_draws[:, 5, 5]
+    assert 0.2 < np.mean((cell >= found.luminance_quantiles[1, 5, 5]) & (cell <= found.luminance_quantiles[2, 5, 5])) <= 1

@@ -34,13 +34,13 @@ def test_a_known_light_determines_material_and_albedo(seen, lights):
     assert found.result["exposure"]["albedo"] == pytest.approx(truth.albedo, rel=0.05)
     absolute = gonio.infer(lit_ball(3.0, lights[0]), light=lights[0], pictures=False, absolute=True)
     assert absolute.brdf.albedo == pytest.approx(truth.albedo, rel=0.05)
-    assert np.median(absolute.samples[:, 45, 20]) == pytest.approx(absolute.luminance[45, 20], rel=0.2)
+    assert np.median(absolute.luminance_draws[:, 45, 20]) == pytest.approx(absolute.luminance[45, 20], rel=0.2)
 
 
 def test_photographs_of_one_material_combine(seen, tmp_path):
     together = gonio.combine(seen)
     assert len(together.agreement) == 3 and min(together.agreement) > 0
-    width = lambda found: np.log(found.quantiles[3] / found.quantiles[0])[:70, :70].mean()
+    width = lambda found: np.log(found.luminance_quantiles[3] / found.luminance_quantiles[0])[:70, :70].mean()
     assert width(together) <= min(map(width, seen))
     seen[0].save(tmp_path / "a")
     seen[1].save(tmp_path / "b")
@@ -49,7 +49,7 @@ def test_photographs_of_one_material_combine(seen, tmp_path):
     together.save(tmp_path / "both")
     assert (tmp_path / "both" / "combined.png").exists() and (tmp_path / "both" / "posterior.json").exists()
     again = pickle.loads(pickle.dumps(together))
-    assert np.array_equal(again.samples, together.samples)
+    assert np.array_equal(again.luminance_draws, together.luminance_draws)
 
 
 def test_rejects_contradictory_photographs(seen, lights, tmp_path):

@@ -88,7 +88,7 @@ def test_a_cluster_gives_the_same_results(small, ball):
         check(results, small)
         assert told == [(i, 6) for i in range(1, 7)]
         # Results from the cluster are complete.
-        assert results[0].samples.shape == (64, 90, 90)
+        assert results[0].luminance_draws.shape == (64, 90, 90)
         assert results[0].relight(size=8).shape == (8, 8, 4)
         # The inferences ran in other processes.
         assert os.getpid() not in client.run(os.getpid).values()

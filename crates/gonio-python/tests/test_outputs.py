@@ -17,7 +17,7 @@ def test_converts_to_xarray_datasets(found):
         "theta_h": 90, "theta_d": 90, "channel": 3, "level": 4, "draw": 64, "quantile": 3, "angle": 2, "elevation": 128, "azimuth": 256
     }
     assert np.array_equal(data.brdf, found.brdf.table) and np.allclose(data.theta_h, gonio.THETA_H)
-    assert np.array_equal(data.quantiles.sel(level=0.95), found.quantiles[3])
+    assert np.array_equal(data.luminance_quantiles.sel(quantile=0.95), found.luminance_quantiles[3])
     assert np.array_equal(data.gloss_units.sel(angle=60), found.gloss_units[60])
     # Light from above is in the first row, light from the right in the right half.
     assert data.elevation[0] > 89 and data.azimuth[-1] > 179 and np.allclose(data.light, found.light)
@@ -32,11 +32,11 @@ def test_converts_to_arviz(found):
     data = found.to_inference_data(80, seed=5)
     assert data.posterior.sizes["chain"] == 1 and data.posterior.sizes["draw"] == 80
     assert np.array_equal(data.posterior.brdf[0], found.draw(80, seed=5))
-    table = arviz.summary(data, var_names=["peak_to_body", "alpha", "gloss_units_60"], kind="stats")
-    assert list(table.index) == ["peak_to_body", "alpha", "gloss_units_60"]
+    table = arviz.summary(data, var_names=["peak_to_body", "ggx_alpha", "gloss_units_60"], kind="stats")
+    assert list(table.index) == ["peak_to_body", "ggx_alpha", "gloss_units_60"]
     # The interval of the draws is close to that of the posterior.
-    low, high = np.quantile(data.posterior.alpha, [0.05, 0.95])
-    assert 0.5 < low / found.alpha[0] < 2 and 0.5 < high / found.alpha[2] < 2
+    low, high = np.quantile(data.posterior.ggx_alpha, [0.05, 0.95])
+    assert 0.5 < low / found.ggx_alpha[0] < 2 and 0.5 < high / found.ggx_alpha[2] < 2
 
 
 def test_converts_to_arviz_1(found):
@@ -46,7 +46,7 @@ def test_converts_to_arviz_1(found):
         "import gonio, numpy as np\n"
         "from gonio._convert import inference_data\n"
         "tree = inference_data(np.full((3, 90, 90), 0.2, np.float32))\n"
-        "print(type(tree).__name__, dict(tree.posterior.sizes), tree.posterior.alpha.values.tolist())\n"
+        "print(type(tree).__name__, dict(tree.posterior.sizes), tree.posterior.ggx_alpha.values.tolist())\n"
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert run.stdout == "DataTree {'chain': 1, 'draw': 3, 'theta_h': 90, 'theta_d': 90} [[1.0, 1.0, 1.0]]\n"
@@ -99,13 +99,13 @@ def test_optional_packages_are_imported_on_demand_only():
 
 
 def test_colours_do_not_change_the_luminance_of_samples(found):
-    rgb = found.rgb_samples
+    rgb = found.rgb_draws
     assert rgb.shape == (64, 90, 90, 3) and rgb.dtype == np.float32 and rgb.min() >= 0
     # The colours are those of the estimate and do not change the luminance.
-    assert np.allclose(rgb @ np.float32([0.2126, 0.7152, 0.0722]), found.samples, rtol=1e-3)
+    assert np.allclose(rgb @ np.float32([0.2126, 0.7152, 0.0722]), found.luminance_draws, rtol=1e-3)
     assert found.draw(3, seed=2, rgb=True).shape == (3, 90, 90, 3)
     body = found.brdf.table[60, 20] / found.luminance[60, 20]
-    assert np.allclose(np.median(rgb[:, 60, 20] / found.samples[:, 60, 20, None], axis=0), body, rtol=0.05)
+    assert np.allclose(np.median(rgb[:, 60, 20] / found.luminance_draws[:, 60, 20, None], axis=0), body, rtol=0.05)
     assert found.colors.shape == (2, 3) and np.allclose(found.colors @ [0.2126, 0.7152, 0.0722], 1, rtol=1e-3)
 
 
@@ -113,13 +113,13 @@ def test_highlight_of_a_brdf_agrees_with_its_posterior(found):
     """Checks that the highlight of a BRDF agrees with its posterior and scales correctly."""
     brdf = found.brdf
     assert found.peak_to_body[0] / 2 < brdf.peak_to_body < 2 * found.peak_to_body[2]
-    assert found.alpha[0] / 2 < brdf.alpha < 2 * found.alpha[2]
+    assert found.ggx_alpha[0] / 2 < brdf.ggx_alpha < 2 * found.ggx_alpha[2]
     assert set(brdf.gloss_units) == set(found.gloss_units) == {20, 60}
     assert brdf.scaled(0.25).gloss_units[60] == pytest.approx(brdf.gloss_units[60] / 2, rel=1e-3)
-    assert brdf.scaled(0.25).alpha == pytest.approx(brdf.alpha) and brdf.scaled(0.25).peak_to_body == pytest.approx(brdf.peak_to_body)
-    assert (found.roughness**2 == pytest.approx(found.alpha)) and found.result["posterior"]["highlight"]["ggx_alpha"]["50"] == found.alpha[1]
+    assert brdf.scaled(0.25).ggx_alpha == pytest.approx(brdf.ggx_alpha) and brdf.scaled(0.25).peak_to_body == pytest.approx(brdf.peak_to_body)
+    assert (found.roughness**2 == pytest.approx(found.ggx_alpha)) and found.result["posterior"]["highlight"]["ggx_alpha"]["50"] == found.ggx_alpha[1]
     chalk = gonio.Brdf.of(lambda h, d: 0.2 + 0 * h)
-    assert chalk.alpha == 1 and chalk.peak_to_body == pytest.approx(1)
+    assert chalk.ggx_alpha == 1 and chalk.peak_to_body == pytest.approx(1)
     grey = brdf.grey().table
     assert np.array_equal(grey[..., 0], grey[..., 1]) and np.allclose(grey[..., 0], brdf.luminance)
 
@@ -139,7 +139,7 @@ def test_draws_show_the_uncertainty_of_a_rendering(found):
 def test_draws_with_errors_have_the_quantiles_of_the_result(found):
     draws, plain = found.draw(400, errors=True), found.draw(400)
     trusted = np.s_[:60, :60]
-    wanted = np.log(found.quantiles[3] / found.quantiles[0])[trusted]
+    wanted = np.log(found.luminance_quantiles[3] / found.luminance_quantiles[0])[trusted]
 
     def width(tables):
         # The intervals are relative to the mean logarithm of each table.

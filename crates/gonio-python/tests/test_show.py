@@ -82,11 +82,24 @@ def test_result_folders_contain_all_files(found, tmp_path):
     assert np.allclose(np.degrees(arrays["difference_angle"]), np.arange(90), atol=1e-4)
     assert np.array_equal(arrays["brdf"], found.brdf.table)
     assert np.allclose(arrays["levels"], [0.05, 0.25, 0.75, 0.95])
-    assert np.array_equal(arrays["luminance_quantiles"], found.quantiles)
+    assert np.array_equal(arrays["luminance_quantiles"], found.luminance_quantiles)
     assert np.array_equal(arrays["quantiles"], found.rgb_quantiles)
     assert np.array_equal(gonio.read_image(tmp_path / "a" / "ball" / "light.exr"), found.light)
     assert json.loads((tmp_path / "a" / "ball" / "result.json").read_text()) == found.result
     found.save(tmp_path / "a" / "ball")
+
+
+def test_two_paints_have_a_map_of_albedo(small, tmp_path):
+    size = small.shape[0]
+    stripes = np.where(np.arange(size) // (size // 6) % 2, 1.0, 0.2)[:, None, None]
+    assert gonio.infer(small, grid=8, pictures=False).albedo_map is None
+    matte = np.where(small[:, :, 3:] > 0, np.sqrt(np.clip(1 - np.mgrid[-1 : 1 : size * 1j, -1 : 1 : size * 1j] ** 2, 0, 1)).prod(0)[..., None], 0)
+    striped = np.concatenate([np.repeat(matte * stripes, 3, 2), small[:, :, 3:]], 2).astype(np.float32)
+    found = gonio.infer(striped, grid=8, pictures=False, force=True)
+    albedo = found.albedo_map
+    assert albedo is not None and albedo.shape == (size, size, 3)
+    found.save(tmp_path)
+    assert np.array_equal(gonio.read_image(tmp_path / "albedo.exr")[..., :3], albedo)
 
 
 def test_a_report_is_written_on_request(small, tmp_path):

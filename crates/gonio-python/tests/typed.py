@@ -19,7 +19,7 @@ def use(image: NDArray[np.float32], path: Path) -> NDArray[np.float32]:
     table: NDArray[np.float32] = found.brdf.table
     open_cells: NDArray[np.bool_] = found.undetermined
     names: list[str] = [name for name, _ in found.materials]
-    draws: NDArray[np.float32] = found.rgb_samples
+    draws: NDArray[np.float32] = found.rgb_draws
     low, median, high = found.gloss_units[60]
     basis: gonio.BasisPosterior = gonio.infer(image, method="variational", starts=2, grid=16)
     merged: gonio.Merged = gonio.merge(["a.jpg", "b.jpg"], times=[0.1, 0.2])

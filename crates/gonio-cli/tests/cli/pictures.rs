@@ -103,9 +103,17 @@ fn estimates_the_first_of_two_paints() {
     let ratio = bench.json("out/result.json")["observations"]["report"]["pattern_ratio"].as_f64().unwrap();
     // Which paint covers more is a matter of a few pixels.
     assert!((ratio.ln().abs() - 4.0_f64.ln()).abs() < 0.1, "{ratio}");
+    let albedo = gonio_io::picture::read(bench.path("out/albedo.exr"), &Default::default()).unwrap().picture;
+    let [corner, middle] = [(0, 0), (size / 2, size / 2)].map(|at| albedo.alpha.as_ref().unwrap()[at]);
+    assert_eq!((corner, middle), (0.0, 1.0));
+    let stripes = |y: usize| albedo.rgb[(size / 2, y)].y;
+    let (mut low, mut high) = (f32::MAX, 0.0_f32);
+    (size / 4..3 * size / 4).for_each(|y| (low, high) = (low.min(stripes(y)), high.max(stripes(y))));
+    assert!((low == 1.0 || high == 1.0) && (high / low / 4.0 - 1.0).abs() < 0.1, "{low} {high}");
     let kept = bench.run("infer striped.exr -o kept --grid 8 --keep-colors").succeeds();
     assert!(!kept.stderr.contains("two paints"), "{kept:?}");
     assert!(!bench.run("infer plain.exr -o plain --grid 8").succeeds().stderr.contains("paint"));
+    assert!(!bench.path("plain/albedo.exr").exists());
     let (striped, plain, kept) = (peak("out"), peak("plain"), peak("kept"));
     assert!(striped < 3.0 * plain && kept > 5.0 * plain, "{striped} {plain} {kept}");
 }

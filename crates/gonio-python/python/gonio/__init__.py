@@ -15,7 +15,7 @@ Constants
 THETA_H, THETA_D
     Half and difference angles of a table's rows and columns, in radians, shape (90,) each.
 QUANTILES
-    Probabilities of :attr:`Posterior.quantiles`.
+    Probabilities of :attr:`Posterior.luminance_quantiles`.
 EXPORTS
     Names and descriptions of the targets of :meth:`Brdf.export`.
 METHODS

@@ -120,7 +120,7 @@ class Brdf:
         return self._highlight()[0]
 
     @property
-    def alpha(self) -> float:
+    def ggx_alpha(self) -> float:
         """Width of the GGX lobe of equal sharpness; 1 without a highlight."""
         return self._highlight()[1]
 

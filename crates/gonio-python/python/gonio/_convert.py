@@ -20,10 +20,10 @@ if TYPE_CHECKING:
     from ._material import Material
 
 QUANTILES = (0.05, 0.25, 0.75, 0.95)
-"""Probabilities of :attr:`Posterior.quantiles`."""
+"""Probabilities of :attr:`Posterior.luminance_quantiles`."""
 
-INTERVAL_LEVELS = (0.05, 0.5, 0.95)
-"""Probabilities of numbers such as :attr:`Posterior.roughness`."""
+BOUNDS = ("low", "median", "high")
+"""Names of the three numbers of attributes such as :attr:`Posterior.roughness`."""
 
 
 def import_optional(module: str, asked: str, package: str | None = None) -> Any:
@@ -59,18 +59,18 @@ def dataset(found: Material, light: Floats | None) -> xarray.Dataset:
     values: dict[str, Any] = {
         "brdf": ((*cells, "channel"), found.brdf.table, per_sr),
         "luminance": (cells, found.luminance, per_sr),
-        "quantiles": (("level", *cells), found.quantiles, per_sr),
+        "luminance_quantiles": (("quantile", *cells), found.luminance_quantiles, per_sr),
         "undetermined": (cells, found.undetermined),
-        "samples": (("draw", *cells), found.samples, per_sr),
-        "peak_to_body": ("quantile", found.peak_to_body),
-        "alpha": ("quantile", found.alpha),
-        "gloss_units": (("angle", "quantile"), np.stack(list(found.gloss_units.values()))),
+        "luminance_draws": (("draw", *cells), found.luminance_draws, per_sr),
+        "peak_to_body": ("bound", found.peak_to_body),
+        "ggx_alpha": ("bound", found.ggx_alpha),
+        "gloss_units": (("angle", "bound"), np.stack(list(found.gloss_units.values()))),
     }
     coordinates: dict[str, Any] = {
         **angles(),
         "channel": ["red", "green", "blue"],
-        "level": list(QUANTILES),
-        "quantile": list(INTERVAL_LEVELS),
+        "quantile": list(QUANTILES),
+        "bound": list(BOUNDS),
         "angle": ("angle", list(found.gloss_units), {"units": "degree"}),
     }
     if light is not None:
@@ -91,7 +91,7 @@ def inference_data(draws: Floats) -> Any:
         # The package of ArviZ 1.0 that contains the conversion.
         arviz = import_optional("arviz_base", "to_inference_data", "arviz")
     numbers = _gonio.highlights(draws)
-    names = ("peak_to_body", "alpha", "gloss_units_20", "gloss_units_60")
+    names = ("peak_to_body", "ggx_alpha", "gloss_units_20", "gloss_units_60")
     posterior: dict[str, Any] = {name: numbers[np.newaxis, :, column] for column, name in enumerate(names)}
     posterior["brdf"] = draws[np.newaxis]
     coordinates = {name: values[1] for name, values in angles().items()}

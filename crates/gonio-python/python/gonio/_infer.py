@@ -355,7 +355,7 @@ def infer(
     >>> found = gonio.infer("samples/ball.exr")
     >>> found.brdf.table.shape, round(found.brdf.albedo, 3)
     ((90, 90, 3), 0.5)
-    >>> low, median, high = found.alpha
+    >>> low, median, high = found.ggx_alpha
     >>> bool(low < median < high)
     True
     """

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     import xarray
 
 DRAWS = 64
-"""Number of :attr:`Posterior.samples`."""
+"""Number of :attr:`Posterior.luminance_draws`."""
 
 
 class Result:
@@ -39,7 +39,7 @@ class Result:
 
     @property
     def luminance(self) -> Floats:
-        """Luminance of the estimate, shape (90, 90), on the scale of quantiles and samples."""
+        """Luminance of the estimate, shape (90, 90), on the scale of quantiles and draws."""
         return self._found["luminance"]
 
     @property
@@ -107,7 +107,8 @@ class Result:
             "table": self.brdf.table,
             "likelihood": None,
             "light": None,
-            "quantiles": None,
+            "albedo_map": None,
+            "luminance_quantiles": None,
             "rgb_quantiles": None,
             "pictures": self.pictures,
             "notes": json.dumps(self.result, indent=2, allow_nan=False),
@@ -208,8 +209,8 @@ class Material(Result):
         super().__init__(found, name)
         dull, glossy = found["ends"]
         self._ends = (Brdf(dull, name=f"{name}, dull end"), Brdf(glossy, name=f"{name}, glossy end"))
-        self._samples: Floats | None = None
-        self._rgb_samples: Floats | None = None
+        self._luminance_draws: Floats | None = None
+        self._rgb_draws: Floats | None = None
 
     @property
     def ends(self) -> tuple[Brdf, Brdf]:
@@ -217,9 +218,9 @@ class Material(Result):
         return self._ends
 
     @property
-    def quantiles(self) -> Floats:
+    def luminance_quantiles(self) -> Floats:
         """5, 25, 75 and 95 % quantiles of the luminance of each cell, shape (4, 90, 90)."""
-        return self._found["quantiles"]
+        return self._found["luminance_quantiles"]
 
     @property
     def undetermined(self) -> NDArray[np.bool_]:
@@ -242,14 +243,14 @@ class Material(Result):
         return self._found["peak_to_body"]
 
     @property
-    def alpha(self) -> Doubles:
+    def ggx_alpha(self) -> Doubles:
         """5, 50 and 95 % quantiles of the width of the GGX lobe of equal sharpness; 1 without a highlight."""
-        return self._found["alpha"]
+        return self._found["ggx_alpha"]
 
     @property
     def roughness(self) -> Doubles:
-        """Square root of :attr:`alpha`, as in the principled BSDFs of Mitsuba and Blender."""
-        return np.sqrt(self.alpha)
+        """Square root of :attr:`ggx_alpha`, as in the principled BSDFs of Mitsuba and Blender."""
+        return np.sqrt(self.ggx_alpha)
 
     @property
     def gloss_units(self) -> dict[int, Doubles]:
@@ -266,23 +267,23 @@ class Material(Result):
         return self._found["verdict"]
 
     @property
-    def samples(self) -> Floats:
+    def luminance_draws(self) -> Floats:
         """64 luminance draws from the posterior, shape (64, 90, 90); see also :meth:`draw`."""
-        if self._samples is None:
-            self._samples = self.draw(DRAWS)
-        return self._samples
+        if self._luminance_draws is None:
+            self._luminance_draws = self.draw(DRAWS)
+        return self._luminance_draws
 
     @property
-    def rgb_samples(self) -> Floats:
-        """:attr:`samples` in the estimated colours, shape (64, 90, 90, 3)."""
-        if self._rgb_samples is None:
-            self._rgb_samples = self._coloured(self.samples)
-        return self._rgb_samples
+    def rgb_draws(self) -> Floats:
+        """:attr:`luminance_draws` in the estimated colours, shape (64, 90, 90, 3)."""
+        if self._rgb_draws is None:
+            self._rgb_draws = self._coloured(self.luminance_draws)
+        return self._rgb_draws
 
     def draw(self, count: int, seed: int = 0, *, rgb: bool = False, errors: bool = False) -> Floats:
         """Draw from the posterior over the model's space of materials.
 
-        :attr:`quantiles` are wider, because they include the error of this space. Draws with
+        :attr:`luminance_quantiles` are wider, because they include the error of this space. Draws with
         ``errors`` include it, too.
 
         Parameters
@@ -296,7 +297,7 @@ class Material(Result):
             colours; only their luminance varies.
         errors : bool, default False
             Multiply each draw by a smooth random factor, so that the quantiles of the draws are
-            :attr:`quantiles`. Use these draws for intervals of quantities computed from a BRDF.
+            :attr:`luminance_quantiles`. Use these draws for intervals of quantities computed from a BRDF.
 
         Returns
         -------
@@ -382,7 +383,7 @@ class Material(Result):
     def _complete(self, result: SavedResult) -> None:
         super()._complete(result)
         result["likelihood"] = self._found["likelihood"]
-        result["quantiles"] = self.quantiles
+        result["luminance_quantiles"] = self.luminance_quantiles
         result["rgb_quantiles"] = self.rgb_quantiles
 
     def to_xarray(self) -> xarray.Dataset:
@@ -391,9 +392,11 @@ class Material(Result):
         Returns
         -------
         xarray.Dataset
-            ``brdf``, ``luminance``, ``quantiles``, ``undetermined`` and ``samples`` over ``theta_h``
-            and ``theta_d`` (radians); ``peak_to_body``, ``alpha`` and ``gloss_units`` over ``quantile``
-            0.05, 0.5 and 0.95; for one photograph, also ``light`` over ``elevation`` and ``azimuth``.
+            ``brdf``, ``luminance``, ``luminance_quantiles`` (over ``quantile``), ``undetermined`` and
+            ``luminance_draws`` (over ``draw``), all over ``theta_h`` and ``theta_d`` (radians);
+            ``peak_to_body``, ``ggx_alpha`` and ``gloss_units`` over ``bound``: ``"low"``, ``"median"``
+            and ``"high"``, the 5, 50 and 95 % quantiles; for one photograph, also ``light`` over
+            ``elevation`` and ``azimuth``.
 
         Raises
         ------
@@ -405,7 +408,7 @@ class Material(Result):
         >>> data = found.to_xarray()
         >>> data.brdf.dims
         ('theta_h', 'theta_d', 'channel')
-        >>> bool(data.alpha.sel(quantile=0.5) == found.alpha[1])
+        >>> bool(data.ggx_alpha.sel(bound="median") == found.ggx_alpha[1])
         True
         """
         return dataset(self, self._lit())
@@ -426,8 +429,8 @@ class Material(Result):
         -------
         arviz.InferenceData or xarray.DataTree
             The type depends on the version of ArviZ (before 1.0, or 1.0 and later). The group
-            ``posterior`` contains ``peak_to_body``, ``alpha``, ``gloss_units_20``, ``gloss_units_60`` and
-            ``brdf`` (luminance), all over ``chain`` and ``draw``.
+            ``posterior`` contains ``peak_to_body``, ``ggx_alpha``, ``gloss_units_20``, ``gloss_units_60``
+            and ``brdf`` (luminance), all over ``chain`` and ``draw``.
 
         Raises
         ------
@@ -442,4 +445,4 @@ class Material(Result):
         return inference_data(self.draw(count, seed))
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**super().__getstate__(), "_samples": None, "_rgb_samples": None}
+        return {**super().__getstate__(), "_luminance_draws": None, "_rgb_draws": None}

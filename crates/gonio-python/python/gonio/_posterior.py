@@ -34,6 +34,15 @@ class PhotographResult(Result):
         return self._found["light"]
 
     @property
+    def albedo_map(self) -> Floats | None:
+        """Reflectance of each pixel relative to that of the estimated paint, if the object has two paints.
+
+        Linear RGB, shape (height, width, 3), with zeros off the object and where it is unknown; None
+        for an object of one paint.
+        """
+        return self._found["albedo_map"]
+
+    @property
     def light_color(self) -> Doubles:
         """Mean linear colour of the light, scaled to a luminance of one, shape (3,); white if not estimated."""
         return self._found["light_color"]
@@ -80,6 +89,7 @@ class PhotographResult(Result):
     def _complete(self, result: SavedResult) -> None:
         super()._complete(result)
         result["light"] = self.light
+        result["albedo_map"] = self.albedo_map
         result["page"] = self.report
 
     def _lit(self) -> Floats | None:
@@ -118,7 +128,7 @@ class Posterior(Material, PhotographResult):
     Examples
     --------
     >>> found = gonio.infer("samples/ball.exr")
-    >>> found.quantiles.shape, found.light.shape
+    >>> found.luminance_quantiles.shape, found.light.shape
     ((4, 90, 90), (128, 256, 3))
     >>> low, median, high = found.gloss_units[60]
     """
@@ -158,7 +168,7 @@ class Posterior(Material, PhotographResult):
         --------
         >>> found.plot().savefig(folder / "figure.png")
         """
-        return plot(self.pictures, self.luminance, self.quantiles, self.samples, self.undetermined)
+        return plot(self.pictures, self.luminance, self.luminance_quantiles, self.luminance_draws, self.undetermined)
 
     def __repr__(self) -> str:
         return f"<gonio.Posterior {self.brdf.name!r}: {self.verdict}; misfit {100 * self.misfit:.1f} %>"
@@ -166,7 +176,7 @@ class Posterior(Material, PhotographResult):
     def _repr_html_(self) -> str:
         """Returns pictures and numbers as HTML, for notebooks."""
         low, median, high = self.peak_to_body
-        sharp, middle, dull = self.alpha
+        sharp, middle, dull = self.ggx_alpha
         units = "; ".join(
             f"{values[1]:.3g} at {angle}&deg; <small>({values[0]:.3g} to {values[2]:.3g})</small>"
             for angle, values in self.gloss_units.items()

@@ -158,6 +158,7 @@ class BasisData(BrdfData):
     """Result of all methods from one photograph."""
 
     light: Floats
+    albedo_map: Floats | None
     light_color: Doubles
     misfit: float
     warnings: list[str]
@@ -168,13 +169,13 @@ class MaterialData(BrdfData):
     """A material with its uncertainty."""
 
     ends: tuple[Floats, Floats]
-    quantiles: Floats
+    luminance_quantiles: Floats
     rgb_quantiles: Floats | None
     undetermined: NDArray[np.bool_]
     undetermined_share: float
     materials: list[tuple[str, float]]
     peak_to_body: Doubles
-    alpha: Doubles
+    ggx_alpha: Doubles
     gloss_units: list[Doubles]
     verdict: str
     likelihood: Likelihood
@@ -230,7 +231,8 @@ class SavedResult(TypedDict):
     table: Floats
     likelihood: Likelihood | None
     light: Floats | None
-    quantiles: Floats | None
+    albedo_map: Floats | None
+    luminance_quantiles: Floats | None
     rgb_quantiles: Floats | None
     pictures: dict[str, NDArray[np.uint8]]
     notes: str

@@ -30,6 +30,8 @@ pub(super) struct Cells {
     pub(super) tones: Plane<Option<DVec3>>,
     /// Normal in the middle of each cell.
     pub(super) normals: Plane<Vec3>,
+    /// Offset added to all channels before the logarithm.
+    floor: Vec3,
 }
 
 impl Cells {
@@ -72,22 +74,34 @@ impl Cells {
             let own = means[(u, v)]?;
             let around = neighbours((u, v), size, true).filter(|_| is_smooth).filter_map(|at| means[at]);
             let (sum, count) = around.fold((own, 1.0), |(sum, n), c| (sum + c, n + 1.0));
-            let colour = (sum / count + floor).as_dvec3();
-            Some(DVec3::new(colour.x.ln(), colour.y.ln(), colour.z.ln()))
+            Some(tone(sum / count, floor))
         });
         let normals = Plane::from_fn(size.0, size.1, |u, v| {
             let at = |low: usize, cell: usize, high: usize| (low + cell * side + side / 2).min(high - 1);
             (surface.normal)((at(low.0, u, high.0), at(low.1, v, high.1)))
         });
-        Some(Self { side, origin: low, tones, normals })
+        Some(Self { side, origin: low, tones, normals, floor })
+    }
+
+    /// Returns the logarithms of the channels of a pixel.
+    pub(super) fn tone(&self, colour: Vec3) -> DVec3 {
+        tone(colour.max(Vec3::ZERO), self.floor)
+    }
+
+    /// Returns the cell of a pixel; `None` outside of the cells.
+    pub(super) fn cell(&self, (x, y): (usize, usize)) -> Option<(usize, usize)> {
+        let at = (x.checked_sub(self.origin.0)? / self.side, y.checked_sub(self.origin.1)? / self.side);
+        (at.0 < self.tones.width() && at.1 < self.tones.height()).then_some(at)
     }
 
     /// Returns the pixels, in a picture of `size`, of the cells in a set.
     pub(super) fn pixels(&self, set: &Plane<bool>, (width, height): (usize, usize)) -> Plane<bool> {
-        Plane::from_fn(width, height, |x, y| {
-            let (Some(x), Some(y)) = (x.checked_sub(self.origin.0), y.checked_sub(self.origin.1)) else { return false };
-            let at = (x / self.side, y / self.side);
-            at.0 < set.width() && at.1 < set.height() && set[at]
-        })
+        Plane::from_fn(width, height, |x, y| self.cell((x, y)).is_some_and(|at| set[at]))
     }
+}
+
+/// Returns the logarithms of the channels of a colour after the offset `floor`.
+fn tone(colour: Vec3, floor: Vec3) -> DVec3 {
+    let colour = (colour + floor).as_dvec3();
+    DVec3::new(colour.x.ln(), colour.y.ln(), colour.z.ln())
 }

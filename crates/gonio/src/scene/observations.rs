@@ -157,6 +157,10 @@ pub struct Observations {
     pub report: ObservationReport,
     /// Status of each pixel, if any pixel on the object is ignored.
     pub statuses: Option<Arc<Plane<PixelStatus>>>,
+    /// Reflectance of each pixel relative to that of the estimated paint, in linear RGB, if the
+    /// object has a pattern of two paints. Zero where it is unknown: on small regions of a third
+    /// paint. Meaningless off the object.
+    pub albedo_map: Option<Arc<Plane<Vec3>>>,
     /// One sample per usable pixel, each with its normal. Single faulty pixels have values
     /// interpolated from their neighbours. Empty after [`Self::of_points`] and [`Self::select`].
     pub dense: Vec<Sample>,
@@ -194,6 +198,7 @@ impl Observations {
             sky_view: vec![1.0; count],
             report: ObservationReport::default(),
             statuses: None,
+            albedo_map: None,
             dense: Vec::new(),
         }
     }
@@ -230,6 +235,7 @@ impl Observations {
             sky_view: some(&self.sky_view, indices),
             report: self.report,
             statuses: self.statuses.clone(),
+            albedo_map: self.albedo_map.clone(),
             dense: Vec::new(),
         }
     }
@@ -318,7 +324,7 @@ impl Observations {
         points: Vec<SurfacePoint>,
         pixels: Vec<(f64, f64)>,
         observed: Vec<ObservedColour>,
-        PixelClassification { statuses, report }: PixelClassification,
+        PixelClassification { statuses, report, albedo_map }: PixelClassification,
     ) -> Result<Self, SceneError> {
         let colour = |s: &ObservedColour| if let ObservedColour::Colour(colour) = s { Some(*colour) } else { None };
         let count = |which: ObservedColour| observed.iter().filter(|s| **s == which).count();
@@ -359,6 +365,7 @@ impl Observations {
             sky_view: open,
             report,
             statuses,
+            albedo_map: albedo_map.map(Arc::new),
             dense: Vec::new(),
         })
     }

@@ -56,6 +56,8 @@ const PASSES: usize = 3;
 /// Smallest number of steps along the border of a part, and their smallest median relative to the
 /// difference of the groups.
 const PART: (usize, f64) = (4, 0.5);
+/// Distance in cells over which the tones of both paints are averaged at their border.
+const BORDER: usize = 2;
 /// Smallest share of the object of each paint.
 const MIN_SHARE: f64 = 0.1;
 /// Smallest share of the object that must remain without the second paint and its margin.
@@ -84,6 +86,9 @@ pub(super) struct Pattern {
     /// Ratio of its reflectance to that of the larger part (luminance in the light of the
     /// photograph).
     pub(super) ratio: f64,
+    /// Reflectance of each pixel relative to that of the larger part, in linear RGB. Pixels off the
+    /// object have the paint of the nearest one on it.
+    pub(super) relative: Plane<Vec3>,
 }
 
 /// Detects a pattern of two paints; `None` if there is no clear pattern.
@@ -93,11 +98,11 @@ pub(super) fn segment_pattern(
     surface: &SurfaceGeometry<'_>,
 ) -> Option<Pattern> {
     let cells = Cells::of(rgb, usable, surface, (CELLS, false))?;
-    STARTS.into_iter().find_map(|min_z| segment_cells(&cells, min_z, surface.convex, rgb.size()))
+    STARTS.into_iter().find_map(|min_z| segment_cells(&cells, min_z, surface.convex, rgb))
 }
 
-/// Detects a pattern from the start with normals of at least `min_z`, in a picture of `size`.
-fn segment_cells(cells: &Cells, min_z: f32, is_convex: bool, size: (usize, usize)) -> Option<Pattern> {
+/// Detects a pattern from the start with normals of at least `min_z`.
+fn segment_cells(cells: &Cells, min_z: f32, is_convex: bool, rgb: &Plane<Vec3>) -> Option<Pattern> {
     let mut groups = Groups::of(cells, min_z)?;
     let (mut step, mut weights) = (DVec3::ZERO, vec![1.0; groups.tones.len()]);
     let mut basis = ShadingBasis::new(&[], 0);
@@ -133,7 +138,15 @@ fn segment_cells(cells: &Cells, min_z: f32, is_convex: bool, size: (usize, usize
     let ignored = groups.with_margin(margin);
     let remaining = groups.places.iter().filter(|at| !ignored[**at]).count();
     let is_enough = remaining as f64 >= MIN_REMAINING * groups.places.len() as f64;
-    is_enough.then(|| Pattern { other: cells.pixels(&ignored, size), ratio: groups.ratio(step) })
+    is_enough.then(|| {
+        let second = step.exp().as_vec3();
+        let paint = |is_second: &bool| if *is_second { second } else { Vec3::ONE };
+        Pattern {
+            other: cells.pixels(&ignored, rgb.size()),
+            ratio: groups.ratio(step),
+            relative: groups.second_paint(cells, rgb, step).map(paint),
+        }
+    })
 }
 
 /// Whether the steps along the border of two groups are those of two paints that differ by `step`.
@@ -384,6 +397,33 @@ impl Groups {
             }
         }
         has_moved
+    }
+
+    /// Returns the pixels of the second paint, which differs from the first by `step`. A pixel at
+    /// the border of the groups has the paint of those cells nearby whose tone is closer.
+    fn second_paint(&self, cells: &Cells, rgb: &Plane<Vec3>, step: DVec3) -> Plane<bool> {
+        let group = self.with_margin(0);
+        let size = group.size();
+        let reach = BORDER as isize;
+        // Half way between the mean tones of both groups around a cell at the border.
+        let threshold = Plane::from_fn(size.0, size.1, |u, v| {
+            if neighbours((u, v), size, true).all(|near| group[near] == group[(u, v)]) {
+                return None;
+            }
+            let around = (-reach..=reach).flat_map(|dv| (-reach..=reach).map(move |du| (du, dv)));
+            let mut sums = [(0.0, 0.0); 2];
+            for i in around.filter_map(|offset| self.at((u, v), offset)) {
+                let (sum, count) = &mut sums[usize::from(self.other[i])];
+                *sum += self.tones[i].dot(step);
+                *count += 1.0;
+            }
+            let [first, second] = sums.map(|(sum, count)| sum / count);
+            (first < second).then_some(0.5 * (first + second))
+        });
+        Plane::from_fn(rgb.width(), rgb.height(), |x, y| {
+            let Some(at) = cells.cell((x, y)) else { return false };
+            threshold[at].map_or(group[at], |least| cells.tone(rgb[(x, y)]).dot(step) > least)
+        })
     }
 
     /// Returns the cells of the second group and those within `margin` cells of it. A cell without

@@ -67,6 +67,8 @@ pub(super) struct PixelClassification {
     pub(super) statuses: Plane<PixelStatus>,
     /// Report with the counts of pixels filled in.
     pub(super) report: ObservationReport,
+    /// See [`Observations::albedo_map`](super::Observations::albedo_map).
+    pub(super) albedo_map: Option<Plane<Vec3>>,
 }
 
 /// Determines the status of the pixels of `region`.
@@ -104,16 +106,20 @@ pub(super) fn classify_pixels(
             *status = PixelStatus::Clipped;
         }
     }
-    let mut pattern_ratio = None;
+    let (mut pattern_ratio, mut albedo_map) = (None, None);
     if !settings.keep_colours {
         let usable = |at| statuses[at] == PixelStatus::Used;
         let other = match segment_pattern(rgb, &usable, underlay) {
-            Some(Pattern { mut other, ratio }) => {
+            Some(Pattern { mut other, ratio, mut relative }) => {
                 pattern_ratio = Some(ratio);
                 // Small regions of a third paint.
                 if let Some(third) = segment_paint(rgb, &|at| usable(at) && !other[at], underlay) {
-                    other.as_mut_slice().iter_mut().zip(third.as_slice()).for_each(|(other, third)| *other |= third);
+                    let both = other.as_mut_slice().iter_mut().zip(relative.as_mut_slice());
+                    for ((other, relative), _) in both.zip(third.as_slice()).filter(|(_, third)| **third) {
+                        (*other, *relative) = (true, Vec3::ZERO);
+                    }
                 }
+                albedo_map = Some(relative);
                 Some(other)
             }
             None => segment_paint(rgb, &usable, underlay),
@@ -143,7 +149,7 @@ pub(super) fn classify_pixels(
     if 2 * (report.negative + report.not_finite) > report.observed_pixels {
         return Err(SceneError::bad_pixels(&report));
     }
-    Ok(PixelClassification { statuses, report })
+    Ok(PixelClassification { statuses, report, albedo_map })
 }
 
 #[cfg(test)]

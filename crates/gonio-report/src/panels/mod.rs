@@ -156,7 +156,8 @@ impl Panels {
     }
 }
 
-/// Renders the object in the estimated or known light, on the scale of the photograph.
+/// Renders the object in the estimated or known light, on the scale of the photograph. A second
+/// paint is shown, too; its highlights are too faint, because they have its albedo.
 fn reproduction(subject: &Subject<'_>, view: &View<'_>, input: &Picture) -> Picture {
     let stage = match (subject.light, subject.known_light) {
         (Some(grid), _) => display(grid).map(|map| PanelRenderer::of(&map)),
@@ -173,6 +174,11 @@ fn reproduction(subject: &Subject<'_>, view: &View<'_>, input: &Picture) -> Pict
         };
         let factor = sum(input) / sum(&model).max(1e-30);
         model.rgb.as_mut_slice().iter_mut().for_each(|p| *p *= factor);
+    }
+    if let Some(albedo) = &subject.detection.observations.albedo_map {
+        let known = albedo.map(|value| if *value == Vec3::ZERO { Vec3::ONE } else { *value });
+        let albedo = view.cut(&Picture { rgb: known, alpha: None }, PANEL);
+        model.rgb.as_mut_slice().iter_mut().zip(albedo.rgb.as_slice()).for_each(|(p, albedo)| *p *= *albedo);
     }
     model
 }

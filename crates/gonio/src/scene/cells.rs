@@ -88,6 +88,11 @@ impl Cells {
         tone(colour.max(Vec3::ZERO), self.floor)
     }
 
+    /// Returns the colour whose channels have these logarithms, the inverse of [`Self::tone`].
+    pub(super) fn colour(&self, tone: DVec3) -> Vec3 {
+        (tone.exp().as_vec3() - self.floor).max(Vec3::ZERO)
+    }
+
     /// Returns the cell of a pixel; `None` outside of the cells.
     pub(super) fn cell(&self, (x, y): (usize, usize)) -> Option<(usize, usize)> {
         let at = (x.checked_sub(self.origin.0)? / self.side, y.checked_sub(self.origin.1)? / self.side);

@@ -127,8 +127,9 @@ impl Observations {
         }
         let normal = |at| normals[at].normalize_or_zero();
         let underlay = SurfaceGeometry { normal: &normal, convex: false };
-        let PixelClassification { mut statuses, mut report, albedo_map } =
+        let PixelClassification { mut statuses, mut report, albedo_map, converted } =
             classify_pixels(rgb, &region, settings, &underlay, report)?;
+        let rgb = converted.as_ref().unwrap_or(rgb);
         let without_outliers = without_outliers(rgb, &statuses);
         for (i, (inside, status)) in region.as_mut_slice().iter_mut().zip(statuses.as_slice()).enumerate() {
             let sound = !status.is_faulty() || *status == PixelStatus::Outlier && repaired(rgb, &statuses, i).is_some();
@@ -181,7 +182,7 @@ impl Observations {
             taken.iter().map(|c| c.point(surface)).collect(),
             taken.iter().map(|c| centre(c.pixel as usize)).collect(),
             observed.collect(),
-            PixelClassification { statuses, report, albedo_map },
+            PixelClassification { statuses, report, albedo_map, converted: None },
         )?;
         let pixels: Vec<usize> = taken.iter().map(|c| c.pixel as usize).collect();
         observations.weights = weights(rgb, normals, &region, &pixels);

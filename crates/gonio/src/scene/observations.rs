@@ -303,7 +303,9 @@ impl Observations {
             DVec3::new(nx, ny, (1.0 - nx * nx - ny * ny).max(0.0).sqrt()).as_vec3()
         };
         let underlay = SurfaceGeometry { normal: &normal, convex: true };
-        let judged = classify_pixels(rgb, &region, settings, &underlay, ObservationReport::default())?;
+        let mut judged = classify_pixels(rgb, &region, settings, &underlay, ObservationReport::default())?;
+        let converted = judged.converted.take();
+        let rgb = converted.as_ref().unwrap_or(rgb);
 
         let points = sphere_points(settings);
         let pixels: Vec<(f64, f64)> =
@@ -324,7 +326,7 @@ impl Observations {
         points: Vec<SurfacePoint>,
         pixels: Vec<(f64, f64)>,
         observed: Vec<ObservedColour>,
-        PixelClassification { statuses, report, albedo_map }: PixelClassification,
+        PixelClassification { statuses, report, albedo_map, .. }: PixelClassification,
     ) -> Result<Self, SceneError> {
         let colour = |s: &ObservedColour| if let ObservedColour::Colour(colour) = s { Some(*colour) } else { None };
         let count = |which: ObservedColour| observed.iter().filter(|s| **s == which).count();

@@ -17,6 +17,8 @@
 //! borders of shadows are sharp. The thresholds come from renderings of 20 materials in 60 training
 //! lights with and without patterns (docs/trials.md).
 
+mod convert;
+
 use faer::Mat;
 use glam::{DVec3, Vec3};
 use gonio_linalg::eigenvectors;
@@ -62,6 +64,9 @@ const BORDER: usize = 2;
 const MIN_SHARE: f64 = 0.1;
 /// Smallest share of the object that must remain without the second paint and its margin.
 const MIN_REMAINING: f64 = 0.15;
+/// Share of the object without the second paint below which gonio converts this paint. An
+/// interpolation over small spots and labels is more accurate (docs/trials.md).
+const MAX_CONVERTED: f64 = 0.5;
 /// Smallest number of steps along the border of the paints.
 const MIN_STEPS: usize = 30;
 /// Smallest difference of the paints, a natural logarithm.
@@ -81,8 +86,11 @@ const MAX_SPREAD: f64 = 0.45;
 /// The smaller part of a pattern of two paints.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Pattern {
-    /// Pixels of this part, and those so close to it that they may show it.
+    /// Pixels of this part, and those so close to it that they may show it, unless they can be
+    /// converted.
     pub(super) other: Plane<bool>,
+    /// Pixels of this part, converted to the paint of the larger part, in linear RGB.
+    pub(super) converted: Plane<Option<Vec3>>,
     /// Ratio of its reflectance to that of the larger part (luminance in the light of the
     /// photograph).
     pub(super) ratio: f64,
@@ -137,12 +145,20 @@ fn segment_cells(cells: &Cells, min_z: f32, is_convex: bool, rgb: &Plane<Vec3>) 
     let margin = if cells.side > 1 { 1 } else { 2 };
     let ignored = groups.with_margin(margin);
     let remaining = groups.places.iter().filter(|at| !ignored[**at]).count();
-    let is_enough = remaining as f64 >= MIN_REMAINING * groups.places.len() as f64;
+    let share = remaining as f64 / groups.places.len() as f64;
+    let is_enough = share >= MIN_REMAINING;
     is_enough.then(|| {
         let second = step.exp().as_vec3();
+        let converted = match share < MAX_CONVERTED {
+            true => groups.converted(cells, rgb, margin),
+            false => rgb.map(|_| None),
+        };
+        let other = cells.pixels(&ignored, rgb.size());
+        let other = Plane::from_fn(rgb.width(), rgb.height(), |x, y| other[(x, y)] && converted[(x, y)].is_none());
         let paint = |is_second: &bool| if *is_second { second } else { Vec3::ONE };
         Pattern {
-            other: cells.pixels(&ignored, rgb.size()),
+            other,
+            converted,
             ratio: groups.ratio(step),
             relative: groups.second_paint(cells, rgb, step).map(paint),
         }

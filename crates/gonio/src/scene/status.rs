@@ -69,6 +69,8 @@ pub(super) struct PixelClassification {
     pub(super) report: ObservationReport,
     /// See [`Observations::albedo_map`](super::Observations::albedo_map).
     pub(super) albedo_map: Option<Plane<Vec3>>,
+    /// The picture with pixels of a second paint converted to the first.
+    pub(super) converted: Option<Plane<Vec3>>,
 }
 
 /// Determines the status of the pixels of `region`.
@@ -106,20 +108,22 @@ pub(super) fn classify_pixels(
             *status = PixelStatus::Clipped;
         }
     }
-    let (mut pattern_ratio, mut albedo_map) = (None, None);
+    let (mut pattern_ratio, mut albedo_map, mut converted) = (None, None, None);
     if !settings.keep_colours {
         let usable = |at| statuses[at] == PixelStatus::Used;
         let other = match segment_pattern(rgb, &usable, underlay) {
-            Some(Pattern { mut other, ratio, mut relative }) => {
+            Some(Pattern { mut other, converted: own, ratio, mut relative }) => {
                 pattern_ratio = Some(ratio);
+                let picture = Plane::from_fn(width, height, |x, y| own[(x, y)].unwrap_or(rgb[(x, y)]));
                 // Small regions of a third paint.
-                if let Some(third) = segment_paint(rgb, &|at| usable(at) && !other[at], underlay) {
+                if let Some(third) = segment_paint(&picture, &|at| usable(at) && !other[at], underlay) {
                     let both = other.as_mut_slice().iter_mut().zip(relative.as_mut_slice());
                     for ((other, relative), _) in both.zip(third.as_slice()).filter(|(_, third)| **third) {
                         (*other, *relative) = (true, Vec3::ZERO);
                     }
                 }
                 albedo_map = Some(relative);
+                converted = Some(picture);
                 Some(other)
             }
             None => segment_paint(rgb, &usable, underlay),
@@ -149,7 +153,7 @@ pub(super) fn classify_pixels(
     if 2 * (report.negative + report.not_finite) > report.observed_pixels {
         return Err(SceneError::bad_pixels(&report));
     }
-    Ok(PixelClassification { statuses, report, albedo_map })
+    Ok(PixelClassification { statuses, report, albedo_map, converted })
 }
 
 #[cfg(test)]

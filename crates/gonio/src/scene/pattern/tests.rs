@@ -36,14 +36,15 @@ fn ignores_the_smaller_part_of_a_pattern() {
             let inside: Vec<(usize, usize)> =
                 (0..SIZE * SIZE).map(|i| (i % SIZE, i / SIZE)).filter(|at| usable(*at)).collect();
             // Which part is the smaller one is a matter of a few pixels for some patterns.
-            let used: Vec<_> = inside.iter().filter(|at| !found.other[**at]).collect();
+            let is_other = |at: (usize, usize)| found.other[at] || found.converted[at].is_some();
+            let used: Vec<_> = inside.iter().filter(|at| !is_other(**at)).collect();
             let is_paint_smaller = 2 * used.iter().filter(|at| pattern(normal(***at))).count() < used.len();
             let (mut lost, mut kept, mut wrong) = (0, 0, 0);
             for at in &inside {
                 let is_smaller = pattern(normal(*at)) == is_paint_smaller;
-                lost += usize::from(!is_smaller && found.other[*at]);
-                kept += usize::from(!is_smaller && !found.other[*at]);
-                wrong += usize::from(is_smaller && !found.other[*at]);
+                lost += usize::from(!is_smaller && is_other(*at));
+                kept += usize::from(!is_smaller && !is_other(*at));
+                wrong += usize::from(is_smaller && !is_other(*at));
             }
             let smaller = inside.len() - lost - kept;
             assert!(100 * wrong < 2 * smaller, "pattern {number}: {wrong} of {smaller} pixels are used");
@@ -60,6 +61,27 @@ fn ignores_the_smaller_part_of_a_pattern() {
             assert!((smaller / truth - 1.0).abs().max_element() < 0.2, "pattern {number}: {smaller} for {truth}");
         }
     }
+}
+
+#[test]
+fn converts_checkers_to_the_larger_paint_and_ignores_labels() {
+    let radiance = |n, r, colour: Vec3| irradiance(n, 0.3) * colour + 0.3 * highlights(r, 300.0);
+    let (body, paint) = (Vec3::splat(0.5), Vec3::new(0.15, 0.1, 0.2));
+    let painted = |is_paint: fn(Vec3) -> bool| ball(|n, r| radiance(n, r, if is_paint(n) { paint } else { body }));
+    let picture = painted(PATTERNS[0]);
+    let found = segment(&picture).unwrap();
+    let is_larger_body = found.ratio < 1.0;
+    let plain = ball(|n, r| radiance(n, r, if is_larger_body { body } else { paint }));
+    let converted = (0..SIZE * SIZE).map(|i| (i % SIZE, i / SIZE)).filter(|at| usable(*at));
+    let errors: Vec<f64> =
+        converted.filter_map(|at| Some(f64::from((found.converted[at]? / plain[at]).y.ln().abs()))).collect();
+    assert!(errors.len() > 10_000, "{}", errors.len());
+    let large = errors.iter().filter(|error| **error > 0.2).count();
+    let middle = median(errors.iter().copied()).unwrap();
+    assert!(middle < 0.01 && 50 * large < errors.len(), "{middle} {large} of {}", errors.len());
+
+    let label = segment(&painted(PATTERNS[4])).unwrap();
+    assert!(label.converted.as_slice().iter().all(Option::is_none));
 }
 
 #[test]

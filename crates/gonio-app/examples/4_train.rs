@@ -18,7 +18,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let settings = ReflectanceSettings { rank: 3, ..ReflectanceSettings::default() };
     let (basis, report, origin) = training::reflectance(&materials, &settings, &|_, _| ())?;
     println!("{origin}; {} starts tried", report.candidates.len());
-    let model = training::join((prior, from), (basis, origin), None)?;
+    let model = training::join(Some((prior, from)), Some((basis, origin)), None)?;
     if let Some(out) = std::env::args().nth(1) {
         gonio_io::atomic::write_file(out, &gonio_io::model::encode_model(&model))?;
     }

@@ -41,7 +41,11 @@ fn photograph(material: usize, colour: Vec3) -> Picture {
 }
 
 fn observations(picture: &Picture) -> Observations {
-    let settings = ObservationSettings { normals: 3000, ..ObservationSettings::default() };
+    observed(picture, false)
+}
+
+fn observed(picture: &Picture, keep_colours: bool) -> Observations {
+    let settings = ObservationSettings { normals: 3000, keep_colours, ..ObservationSettings::default() };
     Detection::of(picture, None, Object::Sphere(None), &settings).unwrap().observations
 }
 
@@ -356,10 +360,13 @@ fn warns_about_a_ball_of_two_materials() {
             painted.rgb[(x, y)] /= 5.0;
         }
     }
-    let found = |picture: &Picture| estimate(&model, &observations(picture), &settings(), &|_| ()).unwrap();
+    let found = |observations: &Observations| estimate(&model, observations, &settings(), &|_| ()).unwrap();
     let misfit = |found: &Estimate| found.diagnostics().into_iter().find(|d| matches!(d, Diagnostic::Misfit { .. }));
-    let (one, two) = (found(&picture), found(&painted));
+    let (one, two) = (found(&observations(&picture)), found(&observed(&painted, true)));
     assert_eq!(misfit(&one), None, "{}", one.light.misfit);
+    // Once its darker squares are converted, the ball has one material.
+    let converted = observations(&painted);
+    assert!(converted.report.pattern_ratio.is_some() && misfit(&found(&converted)).is_none());
     let reported = misfit(&two).unwrap_or_else(|| panic!("{} {}", two.light.misfit, expected_misfit(&two.material)));
     assert!(matches!(reported, Diagnostic::Misfit { reason: MisfitCause::Geometry, .. }), "{reported}");
     assert!(reported.to_string().contains("several materials"), "{reported}");

@@ -14,7 +14,7 @@ import gonio
 def test_converts_to_xarray_datasets(found):
     data = found.to_xarray()
     assert dict(data.sizes) == {
-        "theta_h": 90, "theta_d": 90, "channel": 3, "level": 4, "draw": 64, "quantile": 3, "angle": 2, "elevation": 128, "azimuth": 256
+        "theta_h": 90, "theta_d": 90, "channel": 3, "quantile": 4, "draw": 64, "bound": 3, "angle": 2, "elevation": 128, "azimuth": 256
     }
     assert np.array_equal(data.brdf, found.brdf.table) and np.allclose(data.theta_h, gonio.THETA_H)
     assert np.array_equal(data.luminance_quantiles.sel(quantile=0.95), found.luminance_quantiles[3])

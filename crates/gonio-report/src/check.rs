@@ -104,7 +104,7 @@ pub fn draw(picture: &Picture, sightings: &[&Detection]) -> Plane<Vec3> {
     // A detection without ignored pixels has no statuses; its pixels are `Outside` here.
     let observed = |i: usize| {
         owner.as_slice()[i].is_some()
-            && matches!(statuses.as_slice()[i], PixelStatus::Used | PixelStatus::Outside)
+            && (statuses.as_slice()[i].is_used() || statuses.as_slice()[i] == PixelStatus::Outside)
             && picture.rgb.as_slice()[i].is_finite()
     };
     let exposure = Exposure::by_quantile(&picture.rgb, observed, 0.9, 0.6);

@@ -156,8 +156,8 @@ impl Panels {
     }
 }
 
-/// Renders the object in the estimated or known light, on the scale of the photograph. A second
-/// paint is shown, too; its highlights are too faint, because they have its albedo.
+/// Renders the object in the estimated or known light, on the scale of the photograph. Pixels of a
+/// second paint are multiplied by the ratio of the paints, which also dims their highlights.
 fn reproduction(subject: &Subject<'_>, view: &View<'_>, input: &Picture) -> Picture {
     let stage = match (subject.light, subject.known_light) {
         (Some(grid), _) => display(grid).map(|map| PanelRenderer::of(&map)),

@@ -62,7 +62,7 @@ pub(super) fn draw(subject: &Subject<'_>, view: &View<'_>, photograph: &Plane<Ve
         if let Some(mark) = IGNORE_REASONS.iter().find(|mark| found().any(|status| mark.marks(status))) {
             return mark.colour;
         }
-        let used = found().any(|status| status == PixelStatus::Used);
+        let used = found().any(PixelStatus::is_used);
         if used { photograph[(x, y)] } else { SHADE * photograph[(x, y)] }
     }))
 }

@@ -13,7 +13,7 @@ use crate::lighting::{EnvironmentMap, LightGrid, LightPrior, PriorSettings};
 use crate::picture::{Picture, luminance};
 use crate::reflectance::{BivariateTable, ReflectanceBasis, trusted_cells};
 use crate::render::{Accuracy, IntegratorSettings, LightTree, SphereSettings, render_sphere};
-use crate::scene::{Detection, Object, ObservationSettings};
+use crate::scene::{Detection, Object, ObservationSettings, PixelStatus};
 use crate::sphere::OctahedralMap;
 use crate::transfer::{QuadratureSettings, predict};
 
@@ -367,6 +367,8 @@ fn warns_about_a_ball_of_two_materials() {
     // Once its darker squares are converted, the ball has one material.
     let converted = observations(&painted);
     assert!(converted.report.pattern_ratio.is_some() && misfit(&found(&converted)).is_none());
+    let statuses = converted.statuses.as_ref().unwrap();
+    assert!(statuses.as_slice().contains(&PixelStatus::Converted));
     let reported = misfit(&two).unwrap_or_else(|| panic!("{} {}", two.light.misfit, expected_misfit(&two.material)));
     assert!(matches!(reported, Diagnostic::Misfit { reason: MisfitCause::Geometry, .. }), "{reported}");
     assert!(reported.to_string().contains("several materials"), "{reported}");

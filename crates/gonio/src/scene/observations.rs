@@ -337,7 +337,7 @@ impl Observations {
             outside: count(ObservedColour::Outside),
             faulty: count(ObservedColour::Faulty),
             other_colour: count(ObservedColour::OtherColour),
-            used_pixels: statuses.as_slice().iter().filter(|status| **status == PixelStatus::Used).count(),
+            used_pixels: statuses.as_slice().iter().filter(|status| status.is_used()).count(),
             ..report
         };
         let ObservationReport { used, clipped, outside, faulty, .. } = report;

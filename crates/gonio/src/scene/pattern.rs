@@ -133,24 +133,25 @@ fn segment_cells(cells: &Cells, min_z: f32, is_convex: bool, rgb: &Plane<Vec3>) 
     let fit = basis.fit_two(&groups.tones, &groups.other, &weights)?;
     let weights = groups.weights(&fit, groups.scale(&fit));
     let step = basis.fit_two(&groups.tones, &groups.other, &weights)?.step;
-    let steps: Vec<DVec3> = groups.steps().into_iter().map(|step| step.change).collect();
+    let steps = groups.steps();
+    let changes: Vec<DVec3> = steps.iter().map(|step| step.change).collect();
     // Shadows lower all channels.
     let is_shadow = step.max_element() < MIN_RISE || step.min_element() > -MIN_RISE;
     if is_shadow && !is_convex {
         return None;
     }
-    if !is_pattern(step, &steps) {
+    if !is_pattern(step, &changes) {
         return None;
     }
     let margin = if cells.side > 1 { 1 } else { 2 };
-    let ignored = groups.with_margin(margin);
+    let ignored = dilated(groups.in_second(), margin);
     let remaining = groups.places.iter().filter(|at| !ignored[**at]).count();
     let share = remaining as f64 / groups.places.len() as f64;
     let is_enough = share >= MIN_REMAINING;
     is_enough.then(|| {
         let second = step.exp().as_vec3();
         let converted = match share < MAX_CONVERTED {
-            true => groups.converted(cells, rgb, margin),
+            true => groups.converted(cells, rgb, &steps, margin),
             false => rgb.map(|_| None),
         };
         let other = cells.pixels(&ignored, rgb.size());
@@ -418,7 +419,7 @@ impl Groups {
     /// Returns the pixels of the second paint, which differs from the first by `step`. A pixel at
     /// the border of the groups has the paint of those cells nearby whose tone is closer.
     fn second_paint(&self, cells: &Cells, rgb: &Plane<Vec3>, step: DVec3) -> Plane<bool> {
-        let group = self.with_margin(0);
+        let group = self.in_second();
         let size = group.size();
         let reach = BORDER as isize;
         // Half way between the mean tones of both groups around a cell at the border.
@@ -442,9 +443,9 @@ impl Groups {
         })
     }
 
-    /// Returns the cells of the second group and those within `margin` cells of it. A cell without
-    /// a tone belongs to the group of the nearest cell with one.
-    fn with_margin(&self, margin: usize) -> Plane<bool> {
+    /// Returns the cells of the second group. A cell without a tone belongs to the group of the
+    /// nearest cell with one.
+    fn in_second(&self) -> Plane<bool> {
         let size = self.index.size();
         let mut group = self.index.map(|index| index.map(|i| self.other[i]));
         let mut front = self.places.clone();
@@ -460,14 +461,18 @@ impl Groups {
             }
             front = next;
         }
-        let mut taken = group.map(|other| other.unwrap_or(false));
-        for _ in 0..margin {
-            taken = Plane::from_fn(size.0, size.1, |u, v| {
-                taken[(u, v)] || neighbours((u, v), size, true).any(|near| taken[near])
-            });
-        }
-        taken
+        group.map(|other| other.unwrap_or(false))
     }
+}
+
+/// Returns the cells of a set and those within `margin` cells of it.
+fn dilated(mut set: Plane<bool>, margin: usize) -> Plane<bool> {
+    let size = set.size();
+    for _ in 0..margin {
+        set =
+            Plane::from_fn(size.0, size.1, |u, v| set[(u, v)] || neighbours((u, v), size, true).any(|near| set[near]));
+    }
+    set
 }
 
 /// Divides residuals into two groups along the principal axis of those in `is_fitted`.

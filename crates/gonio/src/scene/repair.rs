@@ -20,21 +20,21 @@ const MIN_ADJACENT: usize = 6;
 /// A pixel can be interpolated if it is faulty and nearly all pixels around it are used.
 pub(super) fn repaired(rgb: &Plane<Vec3>, statuses: &Plane<PixelStatus>, pixel: usize) -> Option<Vec3> {
     let status = statuses.as_slice()[pixel];
-    if status == PixelStatus::Used {
+    if status.is_used() {
         return Some(rgb.as_slice()[pixel]);
     }
     if !status.is_faulty() {
         return None;
     }
     let (size, at) = (rgb.size(), (pixel % rgb.width(), pixel / rgb.width()));
-    let adjacent = neighbours(at, size, true).filter(|next| statuses[*next] == PixelStatus::Used).count();
+    let adjacent = neighbours(at, size, true).filter(|next| statuses[*next].is_used()).count();
     if adjacent < MIN_ADJACENT {
         return None;
     }
     let (mut values, mut known) = ([DVec3::ZERO; 24], 0_u32);
     for (i, (dx, dy)) in NEIGHBOURS.iter().enumerate() {
         let (Some(x), Some(y)) = (at.0.checked_add_signed(*dx), at.1.checked_add_signed(*dy)) else { continue };
-        if x < size.0 && y < size.1 && statuses[(x, y)] == PixelStatus::Used {
+        if x < size.0 && y < size.1 && statuses[(x, y)].is_used() {
             values[i] = rgb[(x, y)].as_dvec3();
             known |= 1 << i;
         }

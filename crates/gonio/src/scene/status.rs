@@ -19,6 +19,8 @@ pub enum PixelStatus {
     Outside,
     /// The pixel is valid and may be observed.
     Used,
+    /// The pixel shows a second paint, and its value is converted to the first one.
+    Converted,
     /// A channel is at or above the clip level.
     Clipped,
     /// The luminance is negative, or zero because a channel is negative.
@@ -40,6 +42,11 @@ pub enum PixelStatus {
 }
 
 impl PixelStatus {
+    /// Whether the value of the pixel is observed.
+    pub fn is_used(self) -> bool {
+        matches!(self, Self::Used | Self::Converted)
+    }
+
     /// Whether the value of the pixel is invalid.
     pub(crate) fn is_faulty(self) -> bool {
         matches!(self, Self::Negative | Self::NotFinite | Self::Outlier)
@@ -131,6 +138,12 @@ pub(super) fn classify_pixels(
         for (status, other) in statuses.as_mut_slice().iter_mut().zip(other.iter().flat_map(Plane::as_slice)) {
             if *other && *status == PixelStatus::Used {
                 *status = PixelStatus::OtherColour;
+            }
+        }
+        let values = converted.iter().flat_map(Plane::as_slice).zip(rgb.as_slice());
+        for (status, (value, original)) in statuses.as_mut_slice().iter_mut().zip(values) {
+            if *status == PixelStatus::Used && value != original {
+                *status = PixelStatus::Converted;
             }
         }
     }

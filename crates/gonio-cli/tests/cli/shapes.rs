@@ -3,16 +3,16 @@
 use std::sync::LazyLock;
 
 use glam::{DVec3, Vec3};
+use gonio::reflectance::BivariateTable;
 use gonio::shape::{BuiltInShape, Camera, Ellipsoid, GeometryBuffer, Surface, Tracer};
 use gonio_io::mesh::{encode_obj, encode_ply};
 use gonio_io::npy;
 use gonio_io::picture::{ReadOptions, read};
 use serde_json::Value;
 
-use crate::support::{Bench, SIZE, encode_normals, grey, normals};
+use crate::support::{Bench, SIZE, encode_normals, grey, merl, normals};
 
-/// A bowl, its picture in the light and with the material of the bench, and the result of
-/// `gonio infer`.
+/// A matte bowl, its picture in the light of the bench, and the result of `gonio infer`.
 struct Bowl {
     ply: Vec<u8>,
     picture: Vec<u8>,
@@ -22,8 +22,16 @@ struct Bowl {
 
 const RENDER: &str = "render --brdf in.binary --light light.hdr --mesh bowl.ply --size 64 --tolerance 1";
 
-static BOWL: LazyLock<Bowl> = LazyLock::new(|| {
+/// Creates a bench with a light and a matte material, whose picture self-shadowing changes most.
+fn with_matte() -> Bench {
     let bench = Bench::with_light_and_material();
+    let matte = BivariateTable::from_fn(|_, _| 0.3);
+    gonio_io::merl::write(bench.path("in.binary"), &merl(&matte)).unwrap();
+    bench
+}
+
+static BOWL: LazyLock<Bowl> = LazyLock::new(|| {
+    let bench = with_matte();
     let ply = encode_ply(&BuiltInShape::Bowl.mesh(30).unwrap());
     bench.write("bowl.ply", &ply);
     bench.run(&format!("{RENDER} -o bowl.exr")).succeeds();
@@ -33,7 +41,7 @@ static BOWL: LazyLock<Bowl> = LazyLock::new(|| {
 
 /// Creates a bench with a light, a material, the mesh `bowl.ply` and its picture `bowl.exr`.
 fn with_bowl() -> Bench {
-    let bench = Bench::with_light_and_material();
+    let bench = with_matte();
     bench.write("bowl.ply", &BOWL.ply);
     bench.write("bowl.exr", &BOWL.picture);
     bench

@@ -278,8 +278,10 @@ pub struct PixelCounts {
     pub negative_channels: usize,
     /// Ignored pixels in regions of another colour, or on or near a second paint.
     pub other_colour_pixels: usize,
-    /// Ratio of the reflectance (luminance) of the ignored paint to that of the other, if the
-    /// object has a pattern of two paints.
+    /// Pixels of a second paint that are used after conversion to the first.
+    pub converted_pixels: usize,
+    /// Ratio of the reflectance (luminance) of the second paint to that of the first, if the object
+    /// has a pattern of two paints.
     pub pattern_ratio: Option<f64>,
     /// Pixels without a normal.
     pub without_normal: usize,
@@ -314,6 +316,7 @@ impl From<&ObservationReport> for PixelCounts {
                 isolated,
                 negative_channels,
                 other_colour_pixels,
+                converted_pixels,
                 pattern_ratio,
                 without_normal,
                 not_unit,

@@ -115,8 +115,10 @@ pub struct ObservationReport {
     /// Observed pixels in regions of another colour, or on or near a second paint, which are
     /// ignored.
     pub other_colour_pixels: usize,
-    /// Ratio of the reflectance (luminance) of the ignored paint to that of the other, if the
-    /// object has a pattern of two paints.
+    /// Observed pixels of a second paint, which are used after conversion to the first.
+    pub converted_pixels: usize,
+    /// Ratio of the reflectance (luminance) of the second paint to that of the first, if the object
+    /// has a pattern of two paints.
     pub pattern_ratio: Option<f64>,
     /// Covered pixels whose normal is missing (shorter than 0.1, or not finite); 0 for a sphere.
     pub without_normal: usize,

@@ -61,10 +61,12 @@ pub enum SceneWarning {
         /// Number of observed pixels on the object.
         observed: usize,
     },
-    /// The smaller part of a pattern of two paints is ignored.
+    /// The smaller part of a pattern of two paints is ignored or converted.
     Pattern {
-        /// Number of pixels of this part and of its margin.
+        /// Number of ignored pixels of this part and of its margin.
         pixels: usize,
+        /// Number of converted pixels of this part.
+        converted: usize,
         /// Number of observed pixels on the object.
         observed: usize,
         /// Ratio of its reflectance to that of the larger part (luminance).
@@ -85,11 +87,11 @@ pub enum SceneWarning {
 }
 
 impl SceneWarning {
-    /// Returns the warning about ignored paint, if any.
+    /// Returns the warning about another paint, if any.
     pub(super) fn of_paint(report: &ObservationReport) -> Option<Self> {
         let (pixels, observed) = (report.other_colour_pixels, report.observed_pixels);
         match report.pattern_ratio {
-            Some(ratio) => Some(Self::Pattern { pixels, observed, ratio }),
+            Some(ratio) => Some(Self::Pattern { pixels, converted: report.converted_pixels, observed, ratio }),
             None => (pixels > 0).then_some(Self::OtherColour { pixels, observed }),
         }
     }
@@ -161,11 +163,17 @@ impl fmt::Display for SceneWarning {
                 "{isolated} of {observed} pixels look like outliers, but gonio uses them, because the object has sharp \
                  reflections or glitters; remove hot pixels and fireflies, which make the roughness unreliable"
             ),
-            Self::Pattern { pixels, observed, ratio } => write!(
-                f,
-                "the object has two paints; gonio estimates the one that covers more, and ignores {pixels} of {observed} \
-                 pixels on or near the other, which reflects {ratio:.2} times as much light"
-            ),
+            Self::Pattern { pixels, converted, observed, ratio } => {
+                write!(
+                    f,
+                    "the object has two paints; gonio estimates the one that covers more, and ignores {pixels} of {observed} \
+                     pixels on or near the other, which reflects {ratio:.2} times as much light"
+                )?;
+                match converted {
+                    0 => Ok(()),
+                    _ => write!(f, "; it converts {converted} pixels of the other paint"),
+                }
+            }
             Self::Spots { count } => write!(
                 f,
                 "gonio ignores {count} small spots on the object, such as dust, scratches or print, because they would \

@@ -160,6 +160,7 @@ pub(super) fn classify_pixels(
         isolated: outliers.kept,
         negative_channels: statuses.as_slice().iter().zip(rgb.as_slice()).filter(tainted).count(),
         other_colour_pixels: count(PixelStatus::OtherColour),
+        converted_pixels: count(PixelStatus::Converted),
         pattern_ratio,
         ..report
     };

@@ -71,7 +71,7 @@ impl Default for Prior {
     /// (`docs/trials.md`).
     fn default() -> Self {
         let shares = [0.05, 0.07, 0.2, 0.12, 0.08, 0.08, 0.1, 0.07, 0.05, 0.12, 0.06];
-        Self { shares, fields: 0.85 }
+        Self { shares, fields: 0.25 }
     }
 }
 

@@ -245,9 +245,9 @@ def candidates(photograph, found):
 def interval(found):
     """Two slices of the BRDF with their intervals, and the truth."""
     gonio("convert", BLUE, "truth.binary")
-    found = np.load(WORK / "blue/brdf.npz")
-    truth, mean = luminance_table(WORK / "truth.binary"), found["brdf"] @ RGB_TO_Y
-    quantiles = found["luminance_quantiles"]
+    tables = np.load(WORK / "blue/brdf.npz")
+    truth, mean = luminance_table(WORK / "truth.binary"), tables["brdf"] @ RGB_TO_Y
+    quantiles = tables["luminance_quantiles"]
     trusted = np.ix_(HALF < 80, DIFFERENCE < 80)
     seen = truth[trusted] > 0
     truth = truth * np.exp(np.median(np.log(mean[trusted][seen] / truth[trusted][seen])))

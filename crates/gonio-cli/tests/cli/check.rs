@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 use gonio::picture::Picture;
-use gonio_io::picture::{ReadOptions, encode_exr_clipped, read};
+use gonio_io::picture::{ExrOptions, ReadOptions, encode_exr_with, read};
 
 use crate::support::{Bench, SIZE, ball, exr, grey, mask, normals};
 
@@ -12,7 +12,7 @@ fn faulty() -> Vec<u8> {
     (0..12).for_each(|x| rgb[(18 + x, 24)] = Vec3::splat(50.0));
     rgb[(20, 30)] = Vec3::splat(-1.0);
     rgb[(28, 30)] = Vec3::splat(f32::NAN);
-    encode_exr_clipped(&rgb, alpha.as_ref(), 50.0)
+    encode_exr_with(&rgb, &ExrOptions { alpha: alpha.as_ref(), clip_level: Some(50.0), space: None })
 }
 
 #[test]

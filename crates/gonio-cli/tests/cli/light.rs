@@ -151,6 +151,7 @@ fn infers_a_brdf_with_the_light() {
     let cells = (0..84).flat_map(|h| (0..80).map(move |d| THETA_D * h + d));
     let squares = cells.map(|cell| f64::from((unwrapped.as_slice()[cell] / exact.as_slice()[cell]).ln()).powi(2));
     let off = (squares.sum::<f64>() / (84.0 * 80.0)).sqrt();
+    // The estimate amplifies small differences of the light: 0.04 for a ball of 500 pixels.
     assert!(off < 0.1, "{off}");
 }
 

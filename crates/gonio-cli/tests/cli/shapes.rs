@@ -22,7 +22,8 @@ struct Bowl {
 
 const RENDER: &str = "render --brdf in.binary --light light.hdr --mesh bowl.ply --size 64 --tolerance 1";
 
-/// Creates a bench with a light and a matte material, whose picture self-shadowing changes most.
+/// Creates a bench with a light and a matte material, because self-shadowing changes its picture
+/// most.
 fn with_matte() -> Bench {
     let bench = Bench::with_light_and_material();
     let matte = BivariateTable::from_fn(|_, _| 0.3);

@@ -63,8 +63,8 @@ pub use response::{decode_response, encode_response, read_response};
 pub use shot::ExposureSettings;
 pub use space::{InputSpace, SpaceSource};
 pub use write::{
-    ExrOptions, encode_exr, encode_exr_clipped, encode_exr_in, encode_exr_layers, encode_exr_with, encode_hdr,
-    encode_pfm, encode_png, encode_png_signed, encode_png_srgb8, is_signed,
+    ExrOptions, encode_exr, encode_exr_in, encode_exr_layers, encode_exr_with, encode_hdr, encode_pfm, encode_png,
+    encode_png_signed, encode_png_srgb8, is_signed,
 };
 
 /// Options for reading a picture.

@@ -26,6 +26,7 @@ pub struct ExrOptions<'a> {
     /// Coverage, of the size of the picture; colour must already be multiplied by it.
     pub alpha: Option<&'a Plane<f32>>,
     /// Clip level, positive and finite, stored in the attribute `clipLevel`.
+    /// [`read`](super::read) returns it as [`Decoded::full_scale`](super::Decoded::full_scale).
     pub clip_level: Option<f32>,
     /// Space of the colours: the attribute `chromaticities`. Readers assume Rec. 709 for files
     /// without it.
@@ -40,15 +41,6 @@ pub struct ExrOptions<'a> {
 /// If the picture has no pixels, or alpha has another size.
 pub fn encode_exr(rgb: &Plane<Vec3>, alpha: Option<&Plane<f32>>) -> Vec<u8> {
     encode_exr_with(rgb, &ExrOptions { alpha, ..ExrOptions::default() })
-}
-
-/// Encodes like [`encode_exr`], with the clip level as the attribute `clipLevel`.
-/// [`read`](super::read) returns it as [`Decoded::full_scale`](super::Decoded::full_scale).
-///
-/// # Panics
-/// Like [`encode_exr`], and if the level is not positive and finite.
-pub fn encode_exr_clipped(rgb: &Plane<Vec3>, alpha: Option<&Plane<f32>>, clip_level: f32) -> Vec<u8> {
-    encode_exr_with(rgb, &ExrOptions { alpha, clip_level: Some(clip_level), space: None })
 }
 
 /// Encodes linear Rec. 709 colours as an OpenEXR file in another colour space, which its attribute
@@ -284,7 +276,7 @@ mod tests {
 
     #[test]
     fn exr_preserves_the_clip_level() {
-        let bytes = encode_exr_clipped(&wavy(), None, 12.5);
+        let bytes = encode_exr_with(&wavy(), &ExrOptions { clip_level: Some(12.5), ..ExrOptions::default() });
         let got = decode(Path::new("t"), &bytes, &ReadOptions::default()).unwrap();
         assert_eq!((got.full_scale, got.picture.rgb), (Some(12.5), wavy()));
         let at = bytes.windows(4).position(|w| w == 12.5_f32.to_le_bytes()).unwrap();

@@ -157,7 +157,7 @@ pub struct Observations {
     pub sky_view: Vec<f64>,
     /// Counts of the points and pixels by status.
     pub report: ObservationReport,
-    /// Status of each pixel, if any pixel on the object is ignored.
+    /// Status of each pixel, if any pixel on the object is ignored or converted.
     pub statuses: Option<Arc<Plane<PixelStatus>>>,
     /// Reflectance of each pixel relative to that of the estimated paint, in linear RGB, if the
     /// object has a pattern of two paints. Zero where it is unknown: on small regions of a third

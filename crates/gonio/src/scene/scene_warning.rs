@@ -171,7 +171,7 @@ impl fmt::Display for SceneWarning {
                 )?;
                 match converted {
                     0 => Ok(()),
-                    _ => write!(f, "; it converts {converted} pixels of the other paint"),
+                    _ => write!(f, "; gonio converts {converted} more pixels of that paint to the estimated one"),
                 }
             }
             Self::Spots { count } => write!(

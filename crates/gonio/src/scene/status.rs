@@ -31,7 +31,7 @@ pub enum PixelStatus {
     /// hot or dead pixel, or a firefly.
     Outlier,
     /// The pixel belongs to a region of another colour, or to the smaller part of a pattern of two
-    /// paints.
+    /// paints, and is not converted.
     OtherColour,
     /// The surface ends, steps back or folds next to the pixel.
     Edge,
@@ -148,8 +148,7 @@ pub(super) fn classify_pixels(
         }
     }
     let count = |which: PixelStatus| statuses.as_slice().iter().filter(|status| **status == which).count();
-    let tainted =
-        |(status, colour): &(&PixelStatus, &Vec3)| **status == PixelStatus::Used && colour.min_element() < 0.0;
+    let tainted = |(status, colour): &(&PixelStatus, &Vec3)| status.is_used() && colour.min_element() < 0.0;
     let report = ObservationReport {
         observed_pixels: region.as_slice().iter().filter(|inside| **inside).count(),
         clipped_pixels: count(PixelStatus::Clipped),

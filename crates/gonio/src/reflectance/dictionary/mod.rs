@@ -6,8 +6,8 @@
 //! material, a diffuse reflector or a coat. Others are formulas of dielectrics, metals and cloth.
 //!
 //! Every material is a non-negative mixture of a fixed set of *components*, so a few numbers
-//! describe it. A smooth random [`MaterialField`] multiplies some mixtures, since no real material
-//! is exactly such a mixture.
+//! describe it. A smooth random [`MaterialField`] multiplies a part of the mixtures, because real
+//! materials differ from every mixture.
 
 mod components;
 mod field;
@@ -282,7 +282,7 @@ mod tests {
 
     #[test]
     fn coordinates_do_not_depend_on_the_scale() {
-        // Fewer axes than the tables span: along further axes, round-off would count.
+        // Use fewer axes than the tables span: coordinates along further axes would be round-off.
         let settings = DictionarySettings { draws: 20, dimensions: 6, ..Default::default() };
         let dictionary = Dictionary::new(measured(), &settings);
         let table = dictionary.table(&dictionary.entries[7]);

@@ -25,19 +25,22 @@ pub enum LightKind {
     Tent,
     /// A dim room with one to three bright windows.
     Windows,
+    /// Light without edges: an overcast sky over bright or dark ground, or fog.
+    Overcast,
 }
 
 impl LightKind {
-    /// All kinds with their frequencies: half are unchanged captured lights, the others resemble no
-    /// captured sky.
-    pub const SHARES: [(Self, f64); 7] = [
-        (Self::Captured, 0.5),
-        (Self::Lamped, 0.08),
-        (Self::Patch, 0.13),
-        (Self::Lamps, 0.09),
+    /// All kinds with their frequencies: half are unchanged captured lights, the others are lights
+    /// that no captured map contains.
+    pub const SHARES: [(Self, f64); 8] = [
+        (Self::Captured, 0.48),
+        (Self::Lamped, 0.07),
+        (Self::Patch, 0.12),
+        (Self::Lamps, 0.08),
         (Self::Flash, 0.06),
         (Self::Tent, 0.06),
-        (Self::Windows, 0.08),
+        (Self::Windows, 0.07),
+        (Self::Overcast, 0.06),
     ];
 
     /// Returns the kind of light of the `index`-th camera.
@@ -117,6 +120,10 @@ impl LightKind {
                     let view = 0.6 + 0.4 * (3.0 * d.y + 2.0 * d.x).sin();
                     power * captured(d) + view * windows.iter().map(|w| w.at(d)).sum::<f64>()
                 })
+            }
+            Self::Overcast => {
+                let sky = Sky::draw(rng);
+                LightPyramid::new(|d| sky.at(d))
             }
         }
     }
@@ -207,6 +214,48 @@ impl Panel {
     }
 }
 
+/// A light without edges: sky and ground with a soft horizon, and clouds.
+struct Sky {
+    up: DVec3,
+    /// Radiance of the ground; that of the sky at the horizon is one.
+    ground: f64,
+    /// Increase of the radiance from the horizon to the zenith. The overcast sky of the CIE standard
+    /// (ISO 15469), 1 + 2 sin(elevation), has 2.
+    rise: f64,
+    /// Sine of the elevation to which the horizon reaches up and down.
+    horizon: f64,
+    /// Plane waves, the clouds: wave vector and phase. Their sum is the logarithm of a factor.
+    waves: [(DVec3, f64); 4],
+    amplitude: f64,
+}
+
+impl Sky {
+    fn draw(rng: &mut impl Rng) -> Self {
+        let wave = |_| {
+            let direction = around(DVec3::Z, between(rng, -1.0, 1.0).acos().to_degrees(), rng);
+            (log_between(rng, 0.5, 3.0) * direction, between(rng, 0.0, std::f64::consts::TAU))
+        };
+        let waves = std::array::from_fn(wave);
+        Self {
+            up: around(DVec3::Y, between(rng, 0.0, 30.0), rng),
+            ground: log_between(rng, 0.1, 1.2),
+            rise: between(rng, 0.0, 2.0),
+            horizon: between(rng, 0.2, 1.5),
+            waves,
+            amplitude: log_between(rng, 0.01, 0.5),
+        }
+    }
+
+    fn at(&self, d: DVec3) -> f64 {
+        let sine = d.dot(self.up);
+        let share = (0.5 + 0.5 * sine / self.horizon).clamp(0.0, 1.0);
+        let share = share * share * (3.0 - 2.0 * share);
+        let even = (1.0 - share) * self.ground + share * (1.0 + self.rise * sine.max(0.0));
+        let clouds: f64 = self.waves.iter().map(|(wave, phase)| (wave.dot(d) + phase).sin()).sum();
+        even * (self.amplitude * clouds).exp()
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use rand::SeedableRng;
@@ -250,6 +299,18 @@ mod tests {
         let lamp = Lamp::new(DVec3::new(0.6, 0.0, 0.8), 5.0, 3.0);
         let light = LightPyramid::new(|d| lamp.at(d));
         assert!((mean(&light, 50_000, |_| true) / 3.0 - 1.0).abs() < 0.05);
+    }
+
+    #[test]
+    fn overcast_light_has_no_edges() {
+        for seed in 0..20 {
+            let sky = Sky::draw(&mut Pcg64::seed_from_u64(seed));
+            for d in fibonacci_hemisphere(500).flat_map(|n| [n, -n]) {
+                // One degree away.
+                let near = DQuat::from_rotation_arc(DVec3::Z, d) * DVec3::new(0.0175, 0.0, 0.99985);
+                assert!((sky.at(near) / sky.at(d)).ln().abs() < 0.25, "{seed} {d}");
+            }
+        }
     }
 
     #[test]

@@ -1,8 +1,8 @@
 //! Standard normals, independent of the shape of the observed object.
 
 use glam::{DQuat, DVec3};
-use rayon::prelude::*;
 
+use crate::parallel;
 use crate::shape::SurfacePoint;
 use crate::sphere::fibonacci_hemisphere;
 
@@ -64,20 +64,17 @@ impl Lattice {
         let normals: Vec<DVec3> = points.iter().map(SurfacePoint::in_view).collect();
         let usable: Vec<usize> = (0..points.len()).filter(|&i| weights[i] > 0.0).collect();
         let reach = POINT_RADIUS.to_radians().powi(2);
-        let mut chosen: Vec<usize> = self
-            .normals
-            .par_iter()
-            .flat_map_iter(|n| {
-                let square = |i: usize| (normals[i] - *n).length_squared();
-                let mut near: Vec<usize> = usable.iter().copied().filter(|&i| square(i) <= reach).collect();
-                near.sort_by(|&a, &b| weights[b].total_cmp(&weights[a]).then(square(a).total_cmp(&square(b))));
-                near.truncate(each);
-                if near.is_empty() {
-                    near.extend(usable.iter().copied().min_by(|&a, &b| square(a).total_cmp(&square(b))));
-                }
-                near
-            })
-            .collect();
+        let nearest = |n: &DVec3| {
+            let square = |i: usize| (normals[i] - *n).length_squared();
+            let mut near: Vec<usize> = usable.iter().copied().filter(|&i| square(i) <= reach).collect();
+            near.sort_by(|&a, &b| weights[b].total_cmp(&weights[a]).then(square(a).total_cmp(&square(b))));
+            near.truncate(each);
+            if near.is_empty() {
+                near.extend(usable.iter().copied().min_by(|&a, &b| square(a).total_cmp(&square(b))));
+            }
+            near
+        };
+        let mut chosen = parallel::map(&self.normals, nearest).concat();
         chosen.sort_unstable();
         chosen.dedup();
         chosen

@@ -8,9 +8,8 @@
 use std::collections::BTreeSet;
 use std::ops::Range;
 
-use rayon::prelude::*;
-
 use super::Exposure;
+use crate::parallel;
 use crate::picture::Plane;
 
 /// Half of the longer side, in pixels, above which a level is halved.
@@ -45,7 +44,7 @@ const IMPROVED: (f64, f64) = (0.8, 0.25);
 pub(super) fn shifts(exposures: &[Exposure]) -> Vec<(i32, i32)> {
     let mut order: Vec<usize> = (0..exposures.len()).collect();
     order.sort_by(|&a, &b| exposures[a].amount.total_cmp(&exposures[b].amount));
-    let greens: Vec<Plane<f32>> = exposures.par_iter().map(green).collect();
+    let greens: Vec<Plane<f32>> = parallel::map(exposures, green);
     let mut shifts = vec![(0, 0); exposures.len()];
     for pair in order.windows(2) {
         let (dx, dy) = displacement(&greens[pair[0]], &greens[pair[1]]);
@@ -232,6 +231,8 @@ impl Division {
             }
             found
         };
-        rows.into_par_iter().map(of_row).reduce(Differences::default, |a, b| a.add(&b))
+        parallel::map_range(rows.len(), |at| of_row(rows.start + at))
+            .iter()
+            .fold(Differences::default(), |a, b| a.add(b))
     }
 }

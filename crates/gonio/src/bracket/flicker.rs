@@ -1,11 +1,10 @@
 //! Differences between exposures that their times do not explain: wrong times, flicker of the
 //! light, and veiling glare.
 
-use rayon::prelude::*;
-
 use super::BracketError;
 use super::frame::Frame;
 use super::table::Table;
+use crate::parallel;
 use crate::statistics::median;
 
 /// Factor between brightness and times above which the times are wrong. Nominal times are off by at
@@ -149,21 +148,17 @@ fn difference(a: &Frame<'_>, b: &Frame<'_>, tables: &[Table; 3]) -> Option<Diffe
     let step = (width * height).div_ceil(MAX_PIXELS).max(1);
     let max = f64::from(a.max());
     let middle = |code: u16| MIDDLE.contains(&(f64::from(code) / max));
-    let samples: Vec<Sample> = (0..width * height)
-        .into_par_iter()
-        .step_by(step)
-        .filter_map(|i| Some((a.at(i)?, b.at(i)?)))
-        .flat_map_iter(|(of_a, of_b)| {
-            let radiance = |frame: &Frame<'_>, codes: [u16; 3], c: usize| {
-                tables[c].exposure[usize::from(codes[c])] / frame.nominal
-            };
-            (0..3).filter(move |&c| middle(of_a[c]) && middle(of_b[c])).map(move |c| Sample {
-                channel: c,
-                x: radiance(a, of_a, c),
-                y: radiance(b, of_b, c),
-            })
-        })
-        .collect();
+    let radiance =
+        |frame: &Frame<'_>, codes: [u16; 3], c: usize| tables[c].exposure[usize::from(codes[c])] / frame.nominal;
+    let of_pixel = |i: usize| {
+        let (of_a, of_b) = (a.at(i)?, b.at(i)?);
+        Some([0, 1, 2].map(|c| {
+            let sample = Sample { channel: c, x: radiance(a, of_a, c), y: radiance(b, of_b, c) };
+            (middle(of_a[c]) && middle(of_b[c])).then_some(sample)
+        }))
+    };
+    let samples = parallel::map_range((width * height).div_ceil(step), |at| of_pixel(at * step));
+    let samples: Vec<Sample> = samples.into_iter().flatten().flatten().flatten().collect();
     if samples.len() < MIN_SAMPLES {
         return None;
     }

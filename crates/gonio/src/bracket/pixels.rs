@@ -1,12 +1,12 @@
 //! Merging of the exposures of each pixel.
 
 use glam::Vec3;
-use rayon::prelude::*;
 
 use super::MergedPixelStatus;
 use super::consistency::disagree;
 use super::frame::Frame;
 use super::table::Table;
+use crate::parallel;
 
 /// Relative error from rounding above which a pixel counts as coarse.
 const COARSE: f64 = 0.02;
@@ -53,7 +53,7 @@ pub(super) fn merged(frames: &[Frame<'_>], exposures: usize, tables: &[Table; 3]
         }
         row
     };
-    let rows: Vec<Row> = (0..height).into_par_iter().map(of_row).collect();
+    let rows: Vec<Row> = parallel::map_range(height, of_row);
     let mut all = Row::new(width * height, exposures);
     rows.into_iter().for_each(|row| all.append(row));
     all

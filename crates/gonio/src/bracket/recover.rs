@@ -14,10 +14,10 @@
 //!   continues it.
 //! * Isotonic regression makes the curve increase.
 
+use crate::parallel;
 use crate::statistics::median;
 use faer::Mat;
 use gonio_linalg::solve_positive;
-use rayon::prelude::*;
 
 use super::frame::Frame;
 use super::response::interpolate;
@@ -103,7 +103,7 @@ fn equations(frames: &[Frame<'_>], channel: usize) -> Vec<Equations> {
         let (least, most) = said.iter().fold((f64::MAX, f64::MIN), |(a, b), &(_, t)| (a.min(t), b.max(t)));
         (most - least > MIN_RATIO.ln()).then_some(said)
     };
-    (0..width * height).into_par_iter().step_by(step).filter_map(of_pixel).collect()
+    parallel::map_range((width * height).div_ceil(step), |at| of_pixel(at * step)).into_iter().flatten().collect()
 }
 
 fn recover_channel(pixels: &[Equations]) -> Result<Vec<f64>, BracketError> {
@@ -136,8 +136,9 @@ fn disagreements(pixel: &Equations, curve: &[f64]) -> Vec<f64> {
 /// Runs one round: computes weights from the curve `before`, then the best curve for them.
 fn solve(pixels: &[Equations], before: &[f64], slope: &[f64], robust: bool) -> Result<Vec<f64>, BracketError> {
     let part = pixels.len().div_ceil(PARTS).max(1);
+    let parts: Vec<&[Equations]> = pixels.chunks(part).collect();
     let sums: Vec<(Mat<f64>, Vec<f64>)> =
-        pixels.par_chunks(part).map(|pixels| normal_equations(pixels, before, slope, robust)).collect();
+        parallel::map(&parts, |pixels| normal_equations(pixels, before, slope, robust));
     let (mut matrix, mut right) = (Mat::<f64>::zeros(LEVELS, LEVELS), vec![0.0; LEVELS]);
     for (m, r) in &sums {
         matrix += m;

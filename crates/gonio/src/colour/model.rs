@@ -5,12 +5,12 @@ use gonio_linalg::{Cholesky, eigenvectors};
 use rand::{Rng, RngExt, SeedableRng};
 use rand_distr::{ChiSquared, Distribution, StandardNormal};
 use rand_pcg::Pcg64;
-use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::chroma::Chroma;
 use super::differences::ChannelReading;
 use super::field::ChromaField;
+use crate::parallel;
 use crate::reflectance::{BivariateTable, CELLS, LatentSpace, nearest_trusted};
 
 /// Largest number of axes of the differences used under a known light.
@@ -217,7 +217,7 @@ impl DifferencePosterior {
             let field = field_of(&directions, table, coefficients.each_ref().map(|x| &x[..]), shift);
             (field, Chroma([self.light.0[0] + light.0[0], self.light.0[1] + light.0[1]]))
         };
-        drawn.par_iter().map(made).collect()
+        parallel::map(&drawn, made)
     }
 
     /// Draws coefficients and the error of the chroma of the light.

@@ -14,12 +14,12 @@ use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, Par};
 use glam::{DVec3, Vec3};
 use gonio_linalg::Cholesky;
-use rayon::prelude::*;
 
 use super::{Colouring, Diagnostic, EstimateError, Light};
 use crate::colour::Chroma;
 use crate::inference::light::LightError;
 use crate::lighting::{LightGrid, LightPrior};
+use crate::parallel;
 use crate::picture::luminance;
 use crate::reflectance::BivariateTable;
 use crate::scene::Observations;
@@ -154,7 +154,8 @@ impl Images {
             }
             sums
         };
-        let sums: Vec<Vec<f64>> = rows.coefficients.par_chunks_exact(3 * fine * fine).map(squares).collect();
+        let each: Vec<&[f32]> = rows.coefficients.chunks_exact(3 * fine * fine).collect();
+        let sums = parallel::map(&each, |row| squares(row));
         let white = colouring.light().as_dvec3().to_array();
         let part = |c: usize| Mat::from_fn(count, sums.len(), |k, i| white[c] * sums[i][c * count + k]);
         let parts = [part(0), part(1), part(2)];

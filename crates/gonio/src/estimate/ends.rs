@@ -1,12 +1,12 @@
 //! The two ends of a posterior along the direction that changes the look of the material most.
 
 use glam::DQuat;
-use rayon::prelude::*;
 
 use super::ALBEDO;
 use crate::appearance::Lattice;
 use crate::inference::learnt::peak_to_body;
 use crate::lighting::studio_light;
+use crate::parallel;
 use crate::reflectance::{BivariateTable, CELLS, angles_of};
 use crate::render::{IntegratorSettings, LightTree, Relighter};
 
@@ -110,9 +110,8 @@ impl Ends {
         let pictures = centred(usual.iter().map(|at| pictures[*at].clone()).collect());
         let count = draws.len() as f64;
         let logs: Vec<Vec<f64>> =
-            draws.par_iter().map(|t| t.as_slice().iter().map(|v| f64::from(v.max(1e-12)).ln()).collect()).collect();
-        let mean: Vec<f64> =
-            (0..CELLS).into_par_iter().map(|c| logs.iter().map(|l| l[c]).sum::<f64>() / count).collect();
+            parallel::map(&draws, |t| t.as_slice().iter().map(|v| f64::from(v.max(1e-12)).ln()).collect());
+        let mean: Vec<f64> = parallel::map_range(CELLS, |c| logs.iter().map(|l| l[c]).sum::<f64>() / count);
         let gloss = centred(draws.iter().map(|table| vec![peak_to_body(table).ln()]).collect()).concat();
         let scores = first_component(&pictures, &gloss);
         let mut sorted: Vec<usize> = (0..draws.len()).collect();
@@ -125,7 +124,7 @@ impl Ends {
                 let covariance: f64 = logs.iter().zip(&scores).map(|(l, s)| (l[c] - mean[c]) * s).sum();
                 (mean[c] + score * covariance / variance).exp() as f32
             };
-            let values = (0..CELLS).into_par_iter().map(cell).collect();
+            let values = parallel::map_range(CELLS, cell);
             BivariateTable::from_vec(values).with_normal_albedo(ALBEDO).0
         };
         let tables = [end(0.05), end(0.95)];
@@ -142,7 +141,7 @@ fn lightness(draws: &[BivariateTable]) -> Vec<Vec<f64>> {
     let light = LightTree::of_map(&studio_light(ROWS));
     let relighter = Relighter::new(&points, &draws[..1], &light, &ACCURACY);
     let picture = |table| relighter.render(table).into_iter().map(|v| v.max(0.0).cbrt()).collect();
-    centred(draws.par_iter().map(picture).collect())
+    centred(parallel::map(draws, picture))
 }
 
 /// Subtracts the mean of each column.
@@ -159,7 +158,7 @@ fn centred(mut rows: Vec<Vec<f64>>) -> Vec<Vec<f64>> {
 /// The iteration starts from `start`, and the scores correlate positively with it.
 fn first_component(rows: &[Vec<f64>], start: &[f64]) -> Vec<f64> {
     let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
-    let gram: Vec<Vec<f64>> = rows.par_iter().map(|a| rows.iter().map(|b| dot(a, b)).collect()).collect();
+    let gram: Vec<Vec<f64>> = parallel::map(rows, |a| rows.iter().map(|b| dot(a, b)).collect());
     let unit = |v: Vec<f64>| {
         let length = dot(&v, &v).sqrt();
         // Draws without differences have no direction.

@@ -6,11 +6,11 @@
 //! (docs/trials.md).
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use super::{Estimate, EstimateError, EstimateSettings, EstimateStage};
 use crate::lighting::LightGrid;
 use crate::model::Model;
+use crate::parallel;
 use crate::picture::luminance;
 use crate::scene::Observations;
 
@@ -39,7 +39,7 @@ pub fn estimate_regions(
     let all: Vec<Estimate> = regions.iter().enumerate().map(alone).collect::<Result<_, _>>()?;
     // Each light was estimated for an albedo of one half. Under the common light, a region with a
     // brighter light therefore has a larger albedo.
-    let brightness: Vec<f64> = all.par_iter().map(|one| irradiance(&one.light.grid)).collect();
+    let brightness: Vec<f64> = parallel::map(&all, |one| irradiance(&one.light.grid));
     let brightest = brightness.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
     let beside = |(estimate, own)| RegionEstimate { estimate, relative_albedo: own / brightest };
     Ok(all.into_iter().zip(brightness).map(beside).collect())

@@ -1,10 +1,10 @@
 //! Environment maps: lat-long pictures of radiance.
 
 use glam::{DQuat, DVec3, Vec3};
-use rayon::prelude::*;
 use thiserror::Error;
 
 use super::LightGrid;
+use crate::parallel;
 use crate::picture::{Plane, luminance};
 use crate::sphere::{OctahedralMap, direction_of_lat_long, lat_long_of_direction, lat_long_solid_angle};
 
@@ -180,27 +180,24 @@ impl EnvironmentMap {
         // Fixed bands, summed in order, so that the result does not depend on the number of
         // threads.
         const BANDS: usize = 16;
-        let partial: Vec<Vec<(DVec3, f64)>> = (0..BANDS)
-            .into_par_iter()
-            .map(|band| {
-                let mut texels = vec![(DVec3::ZERO, 0.0); side * side];
-                for fine_row in band * fine_height / BANDS..(band + 1) * fine_height / BANDS {
-                    let v = (fine_row as f64 + 0.5) / fine_height as f64;
-                    let weight = (std::f64::consts::PI * v).sin();
-                    for column in 0..width {
-                        let radiance = self.radiance[(column, fine_row / split)].as_dvec3();
-                        for fine in 0..split {
-                            let u = (column * split + fine) as f64 + 0.5;
-                            let d = direction_of_lat_long(u / fine_width as f64, v);
-                            let texel = &mut texels[LightGrid::texel_of(map, side, d)];
-                            texel.0 += weight * radiance;
-                            texel.1 += weight;
-                        }
+        let partial: Vec<Vec<(DVec3, f64)>> = parallel::map_range(BANDS, |band| {
+            let mut texels = vec![(DVec3::ZERO, 0.0); side * side];
+            for fine_row in band * fine_height / BANDS..(band + 1) * fine_height / BANDS {
+                let v = (fine_row as f64 + 0.5) / fine_height as f64;
+                let weight = (std::f64::consts::PI * v).sin();
+                for column in 0..width {
+                    let radiance = self.radiance[(column, fine_row / split)].as_dvec3();
+                    for fine in 0..split {
+                        let u = (column * split + fine) as f64 + 0.5;
+                        let d = direction_of_lat_long(u / fine_width as f64, v);
+                        let texel = &mut texels[LightGrid::texel_of(map, side, d)];
+                        texel.0 += weight * radiance;
+                        texel.1 += weight;
                     }
                 }
-                texels
-            })
-            .collect();
+            }
+            texels
+        });
         let mut texels = vec![(DVec3::ZERO, 0.0); side * side];
         for band in partial {
             for (sum, part) in texels.iter_mut().zip(band) {

@@ -3,9 +3,9 @@
 use std::f64::consts::PI;
 
 use glam::{DQuat, DVec3};
-use rayon::prelude::*;
 
 use super::{Reflectance, View};
+use crate::parallel;
 use crate::sphere::direction_of_lat_long;
 
 /// Smallest and largest number of samples along a side of a texel: two per pixel that it covers.
@@ -70,11 +70,7 @@ pub(super) fn unwrap(view: &View, rows: usize, turn: f64, reflectance: &Reflecta
             Texel::default()
         }
     };
-    (0..rows)
-        .into_par_iter()
-        .flat_map_iter(|row| (0..2 * rows).map(move |column| (column, row)))
-        .map(|(c, r)| texel(c, r))
-        .collect()
+    parallel::map_range(2 * rows * rows, |at| texel(at % (2 * rows), at / (2 * rows)))
 }
 
 /// Returns the trust in a point of the ball.

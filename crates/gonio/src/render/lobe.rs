@@ -10,11 +10,11 @@ use std::f32::consts::PI;
 use std::f64::consts::{FRAC_PI_2, TAU};
 
 use glam::{Vec3, Vec3A};
-use rayon::prelude::*;
 
 use super::brdf::Brdf;
 use super::prefiltered::PrefilteredLight;
 use super::pyramid::{Part, Place, half_side, level, whole};
+use crate::parallel;
 use crate::reflectance::{BivariateTable, CELLS, THETA_D, THETA_H, angles_of};
 use crate::shape::SurfacePoint;
 
@@ -138,7 +138,7 @@ impl HalfVectorSampler {
                 let phi_d = std::f64::consts::PI * (at % AZIMUTHS) as f64 / AZIMUTHS as f64;
                 materials[0].eval(theta_h, theta_d, phi_d).as_vec3a()
             };
-            (0..CELLS * AZIMUTHS).into_par_iter().map(value).collect()
+            parallel::map_range(CELLS * AZIMUTHS, value)
         } else {
             (0..CELLS).flat_map(|cell| tables.iter().flatten().map(move |t| at_cell(t, cell))).collect()
         };

@@ -1,10 +1,10 @@
 //! RGB light, prefiltered at every scale.
 
 use glam::{DQuat, DVec3, Quat, Vec3, Vec3A};
-use rayon::prelude::*;
 
 use super::pyramid::{LampRule, Pyramid};
 use super::tree::LightTree;
+use crate::parallel;
 use crate::sphere::OctahedralMap;
 
 /// Rule that classifies texels as lamps.
@@ -31,7 +31,7 @@ impl PrefilteredLight {
     /// Fluxes are preserved exactly; texels are about as wide as those of the light.
     pub fn of(tree: &LightTree) -> Self {
         let side = (tree.rows() * 3 / 2).next_power_of_two().clamp(SIDES.0, SIDES.1);
-        let parts: Vec<Vec<(DVec3, f64)>> = (0..PARTS).into_par_iter().map(|part| splat(tree, side, part)).collect();
+        let parts: Vec<Vec<(DVec3, f64)>> = parallel::map_range(PARTS, |part| splat(tree, side, part));
         let mut texels = vec![(DVec3::ZERO, 0.0); side * side];
         for part in &parts {
             texels.iter_mut().zip(part).for_each(|(sum, add)| *sum = (sum.0 + add.0, sum.1 + add.1));

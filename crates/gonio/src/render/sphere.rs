@@ -1,7 +1,6 @@
 //! Pictures of a sphere, and images of points given by their normals, in orthographic projection.
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use super::Accuracy;
 use super::brdf::Brdf;
@@ -10,6 +9,7 @@ use super::linear::envelope;
 use super::rows::pictures_of;
 use super::shader::{Shader, covered};
 use super::tree::LightTree;
+use crate::parallel;
 use crate::picture::{Picture, luminance};
 use crate::reflectance::BivariateTable;
 use crate::shape::{Points, SurfacePoint};
@@ -110,20 +110,18 @@ pub fn images_of_basis<'a>(
     let observed = points.into();
     let (points, visibility) = (observed.points(), observed.visibility());
     let done = std::sync::atomic::AtomicUsize::new(0);
-    points
-        .par_iter()
-        .enumerate()
-        .flat_map_iter(|(i, point)| {
-            let mut nodes = nodes(point, &envelope, light, settings);
-            if let Some(visibility) = visibility {
-                nodes.nodes.iter_mut().for_each(|n| n.weight *= f64::from(visibility.share_along(i, n.direction)));
-            }
-            let row: Vec<f32> = tables.iter().map(|t| luminance(nodes.radiance(point, t).as_vec3())).collect();
-            let finished = done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1;
-            if finished.is_multiple_of(256) {
-                progress(finished as f64 / points.len() as f64);
-            }
-            row
-        })
-        .collect()
+    let row = |i: usize| {
+        let point = &points[i];
+        let mut nodes = nodes(point, &envelope, light, settings);
+        if let Some(visibility) = visibility {
+            nodes.nodes.iter_mut().for_each(|n| n.weight *= f64::from(visibility.share_along(i, n.direction)));
+        }
+        let row: Vec<f32> = tables.iter().map(|t| luminance(nodes.radiance(point, t).as_vec3())).collect();
+        let finished = done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1;
+        if finished.is_multiple_of(256) {
+            progress(finished as f64 / points.len() as f64);
+        }
+        row
+    };
+    parallel::map_range(points.len(), row).concat()
 }

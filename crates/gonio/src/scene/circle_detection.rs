@@ -2,13 +2,13 @@
 //! grid are scored, and the best ones are fitted to nearby edges.
 
 use glam::Vec3;
-use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::circle_fit::Circle;
 use super::edges::{Edges, Ring, distinct, sort};
 use super::rim::{polished, standard_error, straying};
 use super::small::Small;
+use crate::parallel;
 use crate::picture::Plane;
 
 /// Largest number of circles that are refined on edges.
@@ -91,7 +91,8 @@ impl CircleDetection {
     pub(super) fn of(rgb: &Plane<Vec3>, small: &Small, edges: &Edges, hint: Option<&Circle>) -> Self {
         let hint = hint.map(|circle| edges.ring(circle));
         let rough: Vec<Ring> = hint.into_iter().chain(distinct(edges.best(), REFINED, |ring| ring)).collect();
-        let mut closer: Vec<_> = rough.par_iter().filter_map(|ring| edges.refined(rgb, small, ring)).collect();
+        let refined = parallel::map(&rough, |ring| edges.refined(rgb, small, ring));
+        let mut closer: Vec<_> = refined.into_iter().flatten().collect();
         sort(&mut closer, |(ring, _)| ring);
         let mut distinct_circles = distinct(closer, REFINED, |(ring, _)| ring);
         let mut rival = 0.0;

@@ -8,12 +8,12 @@
 use std::f32::consts::TAU;
 
 use glam::{Vec2, Vec3};
-use rayon::prelude::*;
 
 use super::circle::MIN_BALL_RADIUS;
 use super::circle_fit::Circle;
 use super::rim::refined;
 use super::small::Small;
+use crate::parallel;
 use crate::picture::Plane;
 
 /// Longer side of the picture at the coarse scale, in pixels.
@@ -260,10 +260,10 @@ impl Field {
             rings.collect::<Vec<_>>()
         };
         let rows = height.div_ceil(APART);
-        let mut rings: Vec<Ring> = (0..rows).into_par_iter().flat_map_iter(|y| row(APART * y)).collect();
+        let mut rings: Vec<Ring> = parallel::map_range(rows, |y| row(APART * y)).concat();
         sort(&mut rings, |ring| ring);
         rings.truncate(CLOSER);
-        rings = rings.into_par_iter().map(|ring| self.climbed(ring)).collect();
+        rings = parallel::map(&rings, |ring| self.climbed(*ring));
         rings.retain(|ring| ring.score >= MIN_SCORE);
         sort(&mut rings, |ring| ring);
         rings

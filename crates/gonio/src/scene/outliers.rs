@@ -10,9 +10,9 @@
 pub(super) mod stencil;
 
 use glam::Vec3;
-use rayon::prelude::*;
 
 use super::components::neighbours;
+use crate::parallel;
 use crate::picture::Plane;
 use crate::statistics::median;
 use stencil::{NEIGHBOURS, Prediction, Stencil};
@@ -91,13 +91,10 @@ pub(super) fn outliers(rgb: &Plane<Vec3>, region: &Plane<bool>) -> Outliers {
         let (value, bright) = channels.fold((0.0, false), |most, next| if next.0 > most.0 { next } else { most });
         Score { pixel, value, bright }
     };
-    let all = 0..region.as_slice().len();
-    let mut scored: Vec<Score> = all
-        .into_par_iter()
-        .filter(|i| region.as_slice()[*i])
-        .map(score)
-        .filter(|score| score.value > RECORDED_SCORE)
-        .collect();
+    let scored = parallel::map_range(region.as_slice().len(), |i| {
+        region.as_slice()[i].then(|| score(i)).filter(|score| score.value > RECORDED_SCORE)
+    });
+    let mut scored: Vec<Score> = scored.into_iter().flatten().collect();
     let pixels = region.as_slice().iter().filter(|inside| **inside).count();
     let mut scores: Vec<f64> = scored.iter().map(|score| score.value).collect();
     let rank = ((MAX_SHARE * pixels as f64) as usize).max(MIN_RANK);
@@ -128,13 +125,13 @@ impl<'a> OutlierDetector<'a> {
         let inside: Vec<usize> = (0..region.as_slice().len()).filter(|i| region.as_slice()[*i]).collect();
         let step = inside.len().div_ceil(NOISE_WINDOWS).max(1);
         for channel in 0..3 {
-            let windows = inside.par_iter().step_by(step);
-            let sample = |&i: &usize| {
+            let sample = |at: usize| {
+                let i = inside[at * step];
                 let window = detector.window(i, channel);
                 let Prediction { level, deviation, .. } = detector.predict(&window)?;
                 Some(NoiseSample { level, deviation, step: window.step() })
             };
-            let found: Vec<NoiseSample> = windows.filter_map(sample).collect();
+            let found = parallel::map_range(inside.len().div_ceil(step), sample).into_iter().flatten().collect();
             detector.noise.push(NoiseLevels::new(found)?);
         }
         Some(detector)
@@ -228,12 +225,8 @@ impl<'a> OutlierDetector<'a> {
             }
             Some(usize::from(structure > SHARP_STRUCTURE * level))
         };
-        let (count, total) = inside
-            .par_iter()
-            .step_by(step)
-            .filter_map(structured)
-            .fold(|| (0, 0), |(count, total), one| (count + one, total + 1))
-            .reduce(|| (0, 0), |a, b| (a.0 + b.0, a.1 + b.1));
+        let found = parallel::map_range(inside.len().div_ceil(step), |at| structured(&inside[at * step]));
+        let (count, total) = found.into_iter().flatten().fold((0, 0), |(count, total), one| (count + one, total + 1));
         count as f64 > SHARP_SHARE * total as f64
     }
 }

@@ -1,8 +1,8 @@
 //! Reduced photograph with values compressed to 0..1, so that lamps do not dominate.
 
 use glam::Vec3;
-use rayon::prelude::*;
 
+use crate::parallel;
 use crate::picture::{Plane, luminance};
 use crate::statistics::quantile;
 
@@ -88,7 +88,7 @@ fn blocks(of: &Plane<Vec3>, step: usize, value: impl Fn(Vec3) -> Vec3 + Sync) ->
         sums.iter_mut().for_each(|sum| *sum /= span.len() as f32);
         sums
     };
-    Plane::from_vec(columns, rows, (0..rows).into_par_iter().flat_map_iter(row).collect())
+    Plane::from_vec(columns, rows, parallel::map_range(rows, row).concat())
 }
 
 #[cfg(test)]

@@ -5,9 +5,9 @@
 //! estimates with and without the spots ([`crate::estimate::without_misleading_spots`]).
 
 use glam::Vec3;
-use rayon::prelude::*;
 
 use super::components::{component, neighbours};
+use crate::parallel;
 use crate::picture::{Plane, luminance};
 use crate::statistics::{median, quantile};
 
@@ -123,14 +123,11 @@ impl Spots {
                     .into_iter()
                     .all(|(x, y)| x.zip(y).is_some_and(|(x, y)| x < size.0 && y < size.1 && used[(x, y)]))
         };
-        let medians: Vec<Option<f32>> = (0..size.0 * size.1)
-            .into_par_iter()
-            .map(|i| {
-                let at = (i % size.0, i / size.0);
-                let values = around(at, window, size).filter(|at| used[*at]).map(|at| bright[at]);
-                is_inner(at).then(|| median(values)).flatten()
-            })
-            .collect();
+        let medians: Vec<Option<f32>> = parallel::map_range(size.0 * size.1, |i| {
+            let at = (i % size.0, i / size.0);
+            let values = around(at, window, size).filter(|at| used[*at]).map(|at| bright[at]);
+            is_inner(at).then(|| median(values)).flatten()
+        });
         let difference = |at: (usize, usize)| -> Option<f32> {
             let middle = medians[at.1 * size.0 + at.0].filter(|middle| *middle > 0.0)?;
             Some(bright[at] / middle - 1.0)

@@ -1,9 +1,9 @@
 //! G-buffer of a surface: normals and distances pixel by pixel.
 
 use glam::{DVec3, Vec3};
-use rayon::prelude::*;
 
 use super::{Camera, Hit, Surface};
+use crate::parallel;
 use crate::picture::Plane;
 
 /// Normals and distances at the centres of the pixels, in camera coordinates (a G-buffer).
@@ -23,13 +23,11 @@ impl GeometryBuffer {
     /// Sends a ray through the centre of each pixel.
     pub fn of(surface: &dyn Surface, camera: &Camera) -> Self {
         let (width, height) = camera.size;
-        let pixels: Vec<(Vec3, f32, bool)> = (0..width * height)
-            .into_par_iter()
-            .map(|i| match hit_at(surface, camera, i % width, i / width) {
+        let pixels: Vec<(Vec3, f32, bool)> =
+            parallel::map_range(width * height, |i| match hit_at(surface, camera, i % width, i / width) {
                 Some(hit) => (hit.normal.as_vec3(), hit.distance as f32, hit.back_facing),
                 None => (Vec3::ZERO, f32::INFINITY, false),
-            })
-            .collect();
+            });
         Self {
             visible: pixels.iter().filter(|p| p.1.is_finite()).count(),
             back_facing: pixels.iter().filter(|p| p.2).count(),

@@ -3,9 +3,9 @@
 use std::collections::HashMap;
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use super::{Mesh, MeshError, MeshParts};
+use crate::parallel;
 
 /// A shape of about radius one about the origin, upright, with its front towards +z.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -120,7 +120,7 @@ fn isosurface(field: fn(DVec3) -> f64, half: f64, cells: usize) -> Result<Mesh, 
     let (n, step) = (cells + 1, 2.0 * half / cells as f64);
     let place =
         |i: usize| DVec3::new((i % n) as f64, (i / n % n) as f64, (i / n / n) as f64) * step - DVec3::splat(half);
-    let values: Vec<f64> = (0..n * n * n).into_par_iter().map(|i| field(place(i))).collect();
+    let values: Vec<f64> = parallel::map_range(n * n * n, |i| field(place(i)));
     let mut crossings: Vec<(usize, usize)> = Vec::new();
     let mut index: HashMap<(usize, usize), u32> = HashMap::new();
     let mut triangles: Vec<[u32; 3]> = Vec::new();
@@ -155,13 +155,13 @@ fn isosurface(field: fn(DVec3) -> f64, half: f64, cells: usize) -> Result<Mesh, 
         }
         0.5 * (low + high)
     };
-    let positions: Vec<DVec3> = crossings.par_iter().map(root).collect();
+    let positions: Vec<DVec3> = parallel::map(&crossings, root);
     let h = 1e-5;
     let gradient = |p: &DVec3| {
         let along = |e: DVec3| field(*p + h * e) - field(*p - h * e);
         DVec3::new(along(DVec3::X), along(DVec3::Y), along(DVec3::Z)).normalize_or(DVec3::Y)
     };
-    let normals: Vec<DVec3> = positions.par_iter().map(gradient).collect();
+    let normals: Vec<DVec3> = parallel::map(&positions, gradient);
     for triangle in &mut triangles {
         let [a, b, c] = triangle.map(|i| positions[i as usize]);
         if (b - a).cross(c - a).dot(normals[triangle[0] as usize]) < 0.0 {

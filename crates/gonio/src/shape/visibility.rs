@@ -1,10 +1,10 @@
 //! Visibility `V_i` of the paper: the light that reaches each point of a self-shadowing surface.
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use super::Surface;
 use crate::lighting::LightGrid;
+use crate::parallel;
 use crate::sphere::OctahedralMap;
 
 /// Number of rays along each side of a texel that is partly open.
@@ -58,17 +58,14 @@ impl Visibility {
         let texels = Texels::new(map, side);
         let convex = surface.is_convex();
         let done = std::sync::atomic::AtomicUsize::new(0);
-        let rows = points
-            .par_iter()
-            .map(|point| {
-                let row = if convex { Row::default() } else { texels.row(surface, point) };
-                let finished = done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1;
-                if finished.is_multiple_of(256) {
-                    progress(finished as f64 / points.len() as f64);
-                }
-                row
-            })
-            .collect();
+        let rows = parallel::map(points, |point| {
+            let row = if convex { Row::default() } else { texels.row(surface, point) };
+            let finished = done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1;
+            if finished.is_multiple_of(256) {
+                progress(finished as f64 / points.len() as f64);
+            }
+            row
+        });
         Self { map, side, rows }
     }
 
@@ -151,11 +148,12 @@ impl Visibility {
                 (self.map.direction(u, v), self.map.density(u, v))
             })
             .collect();
-        let of = |(row, normal): (&Row, &DVec3)| {
+        let of = |at: usize| {
+            let (row, normal) = (&self.rows[at], normals[at]);
             if row.blocked.is_empty() && row.partial.is_empty() {
                 return SkyVisibility { unoccluded: 1.0, penumbra: 0.0 };
             }
-            let weight = |t: usize| centres[t].0.dot(*normal).max(0.0) * centres[t].1;
+            let weight = |t: usize| centres[t].0.dot(normal).max(0.0) * centres[t].1;
             let all: f64 = (0..centres.len()).map(weight).sum();
             let bits = row.blocked.iter().enumerate();
             let blocked: f64 = bits
@@ -166,7 +164,7 @@ impl Visibility {
             let lost: f64 = row.partial.iter().map(|p| weight(p.0 as usize) * (1.0 - f64::from(p.1) / 255.0)).sum();
             SkyVisibility { unoccluded: (1.0 - (blocked + lost) / all).max(0.0), penumbra: edge / all }
         };
-        self.rows.par_iter().zip(normals).map(of).collect()
+        parallel::map_range(self.rows.len(), of)
     }
 
     /// Selects the visibility of some of the points.

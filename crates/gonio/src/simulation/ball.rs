@@ -15,6 +15,7 @@ use rayon::prelude::*;
 use super::gather::{Cells, Gather, Lamp, Layout, Ring};
 use super::orbit::{Orbits, SYMMETRIES};
 use super::pyramid::LightPyramid;
+use crate::parallel;
 use crate::reflectance::{BivariateTable, THETA_H};
 use crate::render::pyramid::{Part, level};
 
@@ -120,7 +121,7 @@ impl BallRenderer {
                 (&self.far, Lamp::all(light), Part::WithoutLamps, layout)
             }
         };
-        let laid: Vec<f32> = tables.par_iter().flat_map_iter(|t| layout.laid(t.as_slice())).collect();
+        let laid: Vec<f32> = parallel::map(tables, |t| layout.laid(t.as_slice())).concat();
         let laid = MatRef::from_column_major_slice(&laid, layout.cells(), tables.len());
         let chunk = CHUNK * SYMMETRIES;
         // `[table][orbit][way]` of each chunk.
@@ -153,7 +154,7 @@ impl BallRenderer {
             }
             picture
         };
-        (0..tables.len()).into_par_iter().map(picture).collect()
+        parallel::map_range(tables.len(), picture)
     }
 }
 

@@ -1,12 +1,12 @@
 //! Simulated photographs in colour, from which the [`ColourModel`] is learnt.
 
 use glam::{DQuat, DVec3, Vec3};
-use rayon::prelude::*;
 
 use crate::appearance::{DiskImage, Sample};
 use crate::colour::{ChannelReading, Chroma, ColourModel, ColourSample, channel_difference, white_chroma};
 use crate::inference::learnt::LearntPosterior;
 use crate::lighting::EnvironmentMap;
+use crate::parallel;
 use crate::picture::luminance;
 use crate::reflectance::BivariateTable;
 use crate::render::{IntegratorSettings, LightTree, Relighter};
@@ -46,25 +46,18 @@ impl<'a> ColourStock<'a> {
     pub fn new(posterior: &'a LearntPosterior, mut materials: Vec<[BivariateTable; 3]>) -> Self {
         materials.iter_mut().flatten().for_each(BivariateTable::extend_from_trusted);
         let luminances: Vec<BivariateTable> = materials.iter().map(BivariateTable::luminance).collect();
-        let truths = materials.par_iter().zip(&luminances).map(|(rgb, luminance)| {
-            rgb.each_ref().map(|channel| channel_difference(&posterior.latent_space, channel, luminance))
+        let truths = parallel::map_range(materials.len(), |at| {
+            let difference = |channel| channel_difference(&posterior.latent_space, channel, &luminances[at]);
+            materials[at].each_ref().map(difference)
         });
-        Self {
-            posterior,
-            truths: truths.collect(),
-            luminances,
-            materials,
-            lights: 0,
-            samples: Vec::new(),
-            chromas: Vec::new(),
-        }
+        Self { posterior, truths, luminances, materials, lights: 0, samples: Vec::new(), chromas: Vec::new() }
     }
 
     /// Adds photographs of every material in one more light.
     pub fn add_light(&mut self, map: &EnvironmentMap) {
         let grid = map.reduced(128).to_grid(OctahedralMap::EqualArea, 32);
         let around = |k: usize| DQuat::from_rotation_y(std::f64::consts::TAU * k as f64 / CAMERAS as f64);
-        let chromas: Vec<Chroma> = (0..CAMERAS).into_par_iter().map(|k| white_chroma(&grid, around(k))).collect();
+        let chromas: Vec<Chroma> = parallel::map_range(CAMERAS, |k| white_chroma(&grid, around(k)));
         self.chromas.extend(chromas);
         let camera = DQuat::from_rotation_y((TURN * self.lights as f64).to_radians());
         let light = white_chroma(&grid, camera).rgb().to_array().map(f64::ln);
@@ -72,7 +65,8 @@ impl<'a> ColourStock<'a> {
         let turned = |p: SurfacePoint| SurfacePoint { normal: camera * p.normal, view: camera * DVec3::Z };
         let points: Vec<SurfacePoint> = sphere_points(&settings).into_iter().map(turned).collect();
         let operator = Relighter::of_channels(&points, &self.luminances, &LightTree::of_map(map), &ACCURACY);
-        let sample = |(rgb, truth): (&[BivariateTable; 3], &[Vec<f64>; 3])| {
+        let sample = |at: usize| {
+            let (rgb, truth) = (&self.materials[at], &self.truths[at]);
             let channels: [Vec<f64>; 3] = std::array::from_fn(|c| operator[c].render(&rgb[c]));
             let colour = |i: usize| Vec3::from_array(std::array::from_fn(|c| channels[c][i] as f32));
             let seen = points.iter().enumerate().map(|(i, p)| (p, colour(i)));
@@ -89,8 +83,8 @@ impl<'a> ColourStock<'a> {
             };
             Some(ColourSample { errors: [error(0)?, error(1)?, error(2)?] })
         };
-        let samples: Vec<_> = self.materials.par_iter().zip(&self.truths).filter_map(sample).collect();
-        self.samples.extend(samples);
+        let samples = parallel::map_range(self.materials.len(), sample);
+        self.samples.extend(samples.into_iter().flatten());
         self.lights += 1;
     }
 

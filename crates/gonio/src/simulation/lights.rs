@@ -219,8 +219,8 @@ struct Sky {
     up: DVec3,
     /// Radiance of the ground; that of the sky at the horizon is one.
     ground: f64,
-    /// Increase of the radiance from the horizon to the zenith. The overcast sky of the CIE standard
-    /// (ISO 15469), 1 + 2 sin(elevation), has 2.
+    /// Increase of the radiance from the horizon to the zenith. The overcast sky of ISO 15469,
+    /// 1 + 2 sin(elevation), has 2.
     rise: f64,
     /// Sine of the elevation to which the horizon reaches up and down.
     horizon: f64,

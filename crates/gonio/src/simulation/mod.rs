@@ -27,7 +27,6 @@ use glam::DQuat;
 use rand::{Rng, RngExt, SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64;
-use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 pub use camera::PhotographEffects;
@@ -40,6 +39,7 @@ pub use scene::{Scene, SceneRenderer};
 use crate::appearance::DiskImage;
 use crate::appearance::disk::{self, DISK_SIDE, on_disk};
 use crate::lighting::EnvironmentMap;
+use crate::parallel;
 use crate::reflectance::{BivariateTable, Dictionary, DrawnMaterial, Prior};
 
 /// Settings of the simulated scenes.
@@ -160,7 +160,7 @@ impl ScenePool {
         let mut rng = Pcg64::seed_from_u64(settings.seed.wrapping_mul(0x9e37_79b9).wrapping_add(number));
         let materials: Vec<DrawnMaterial> =
             (0..settings.draws).map(|_| dictionary.draw(&settings.prior, &mut rng)).collect();
-        let tables: Vec<BivariateTable> = materials.par_iter().map(|m| dictionary.table(m)).collect();
+        let tables: Vec<BivariateTable> = parallel::map(&materials, |m| dictionary.table(m));
         let mut view = |view: usize| {
             let map = &lights[rng.random_range(0..lights.len())];
             let changed = rng.random_bool(0.5).then(|| map.contrasted(rng.random_range(CONTRASTS.0..CONTRASTS.1)));
@@ -169,10 +169,10 @@ impl ScenePool {
             let turn = DQuat::from_rotation_y(azimuth) * DQuat::from_rotation_x(tilt);
             let kind = LightKind::of(number as usize * settings.views + view);
             let light = kind.light(changed.as_ref().unwrap_or(map), turn, &mut rng);
-            renderer.render(&tables, &light).par_iter().map(Packed::of).collect()
+            parallel::map(&renderer.render(&tables, &light), Packed::of)
         };
         let views = (0..settings.views).map(&mut view).collect();
-        let places = tables.par_iter().map(|t| dictionary.latent_space.of(t)).collect();
+        let places = parallel::map(&tables, |t| dictionary.latent_space.of(t));
         Group { materials, coordinates: places, views }
     }
 

@@ -1,9 +1,9 @@
 //! Light of a simulated scene, prefiltered at every scale.
 
 use glam::{DVec3, Vec3};
-use rayon::prelude::*;
 
 use super::orbit::{SymmetryLanes, image_of_texel};
+use crate::parallel;
 use crate::render::pyramid::{LampRule, Pyramid, on_square};
 
 /// Samples along each side of a texel of the finest level.
@@ -40,7 +40,7 @@ impl LightPyramid {
             }
             (sum / weight, weight)
         };
-        let fine = (0..side * side).into_par_iter().map(texel).collect();
+        let fine = parallel::map_range(side * side, texel);
         let pyramid = Pyramid::<f32>::of_texels(side, fine, LAMPS);
         Self { images: pyramid.at_images(image_of_texel), lamps: pyramid.lamps().to_vec() }
     }

@@ -3,13 +3,13 @@
 use std::sync::LazyLock;
 
 use glam::Vec3;
-use rayon::prelude::*;
 
 use super::ball::{BallRenderer, Rings};
 use super::orbit::Orbits;
 use super::pyramid::LightPyramid;
 use crate::appearance::detail::details;
 use crate::appearance::disk::{self, DISK_SIDE, on_disk};
+use crate::parallel;
 use crate::reflectance::BivariateTable;
 
 /// Ideal image of a ball, without camera effects. Both fields are zero off the disk.
@@ -56,7 +56,7 @@ impl SceneRenderer {
     pub fn render(&self, tables: &[BivariateTable], light: &LightPyramid) -> Vec<Scene> {
         let far = self.ball.render(&self.middles, tables, light, Rings::Far);
         let near = self.ball.render(&self.quarters, tables, light, Rings::Near);
-        far.into_par_iter().zip(near).map(|(far, near)| self.scene(&far, &near)).collect()
+        parallel::map_range(far.len(), |at| self.scene(&far[at], &near[at]))
     }
 
     fn scene(&self, far: &[f32], near: &[f32]) -> Scene {

@@ -13,13 +13,13 @@ use glam::DVec3;
 use rand::SeedableRng;
 use rand_distr::{ChiSquared, Distribution, StandardNormal};
 use rand_pcg::Pcg64;
-use rayon::prelude::*;
 
 use super::fit::{FitPrior, ImageModel, LaplaceFit};
 use super::light::{KnownLight, Operator};
 use super::space::ParameterSpace;
 use super::{KnownLightError, KnownLightPosterior, ObservedPoints, PriorMaterials};
 use crate::colour::{ChromaField, ColourModel, DRAW_FREEDOM, DRAW_INFLATION};
+use crate::parallel;
 use crate::reflectance::BivariateTable;
 
 /// Largest number of observations for the channels. Colours vary more slowly than luminance.
@@ -129,7 +129,7 @@ impl ColouredRows<'_> {
             let misfit = (left / square(&mut values.iter().copied()).max(f64::MIN_POSITIVE)).sqrt();
             Ok((fit, misfit))
         };
-        let found: Vec<(LaplaceFit, f64)> = [0, 1, 2].into_par_iter().map(one).collect::<Result<_, _>>()?;
+        let found: Vec<(LaplaceFit, f64)> = parallel::map_range(3, one).into_iter().collect::<Result<_, _>>()?;
         let misfit = [found[0].1, found[1].1, found[2].1];
         Ok(ChannelPosterior { space, fits: found.into_iter().map(|(fit, _)| fit).collect(), misfit })
     }
@@ -158,7 +158,7 @@ impl ChannelPosterior {
                 fit.state.coefficients.iter().zip(step).map(|(x, step)| x + step).collect()
             })
         };
-        white.par_iter().map(draw).collect()
+        parallel::map(&white, draw)
     }
 
     fn at(&self, coefficients: impl Fn(&LaplaceFit, usize) -> Vec<f64>) -> ChromaField {

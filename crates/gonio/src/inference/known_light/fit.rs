@@ -5,12 +5,12 @@ use std::ops::Range;
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, Par};
 use gonio_linalg::Cholesky;
-use rayon::prelude::*;
 
 use super::error_model::ErrorModel;
 use super::light::Operator;
 use super::space::ParameterSpace;
 use super::{KnownLightError, ObservedPoints};
+use crate::parallel;
 use crate::reflectance::CELLS;
 use crate::statistics::median;
 
@@ -171,20 +171,17 @@ impl<'a> ImageModel<'a> {
     /// Computes the derivatives of the logarithm of these rows of the image (N x n).
     pub(super) fn derivatives(&self, state: &State, rows: &[usize]) -> Mat<f64> {
         let (n, gain) = (self.len(), self.gain(&state.coefficients));
-        let rows: Vec<Vec<f64>> = rows
-            .par_iter()
-            .map(|&at| {
-                let mut row = vec![0.0; n];
-                let scale = 1.0 / (state.predicted[at] + self.floor);
-                for (cell, weight) in self.operator.row(at, gain) {
-                    self.space.add_derivatives(cell, scale * weight * state.values[cell], &mut row);
-                }
-                if self.operator.clips() {
-                    row[n - 1] = scale * gain * self.operator.under_clipped(at, &state.values);
-                }
-                row
-            })
-            .collect();
+        let rows: Vec<Vec<f64>> = parallel::map(rows, |&at| {
+            let mut row = vec![0.0; n];
+            let scale = 1.0 / (state.predicted[at] + self.floor);
+            for (cell, weight) in self.operator.row(at, gain) {
+                self.space.add_derivatives(cell, scale * weight * state.values[cell], &mut row);
+            }
+            if self.operator.clips() {
+                row[n - 1] = scale * gain * self.operator.under_clipped(at, &state.values);
+            }
+            row
+        });
         Mat::from_fn(rows.len(), n, |i, j| rows[i][j])
     }
 

@@ -5,11 +5,11 @@ use gonio_linalg::Cholesky;
 use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64;
-use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::learnt_likelihood::EncoderLikelihood;
 use super::space::ParameterSpace;
+use crate::parallel;
 use crate::reflectance::{BivariateTable, LatentSpace};
 
 /// Gaussian posterior of the coefficients of the logarithm of reflectance: first those of the
@@ -146,7 +146,7 @@ impl Gaussian {
             let drawn: Vec<f64> = self.mean.iter().zip(&step).map(|(x, d)| x + d).collect();
             space.table(&self.whole(&drawn)).with_normal_albedo(1.0).0
         };
-        Some(white.par_iter().map(table).collect())
+        Some(parallel::map(&white, table))
     }
 
     /// Returns all coefficients of the space, with zero for the scale.

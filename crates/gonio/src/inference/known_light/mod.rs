@@ -29,9 +29,9 @@ mod tests;
 
 use glam::{DQuat, DVec3};
 use gonio_linalg::Cholesky;
-use rayon::prelude::*;
 use thiserror::Error;
 
+use crate::parallel;
 use crate::reflectance::{BivariateTable, LatentSpace};
 use crate::render::IntegratorSettings;
 use crate::shape::{SurfacePoint, Visibility};
@@ -286,11 +286,10 @@ fn start(operator: &Operator, values: &[f64], materials: &PriorMaterials<'_>) ->
         median(logs.iter().map(|l| (l - middle).abs())).unwrap_or(0.0)
     };
     let gains = if operator.clips() { &GAINS[..] } else { &GAINS[..1] };
-    let best = materials.tables.par_iter().map(|table| {
+    let deviations: Vec<(f64, f64)> = parallel::map(&materials.tables, |table| {
         let each = gains.iter().map(|gain| (*gain, deviation(table, *gain)));
         each.min_by(|a, b| a.1.total_cmp(&b.1)).expect("at least one gain")
     });
-    let deviations: Vec<(f64, f64)> = best.collect();
     let at = (0..deviations.len()).min_by(|a, b| deviations[*a].1.total_cmp(&deviations[*b].1));
     let at = at.expect("at least one material");
     Start { place: materials.starts[at].clone(), gain: deviations[at].0, deviation: deviations[at].1 }

@@ -3,11 +3,11 @@
 use faer::Mat;
 use glam::{DQuat, DVec3};
 use gonio_linalg::Cholesky;
-use rayon::prelude::*;
 
 use super::ObservedPoints;
 use super::fit::{ImageModel, LaplaceFit, whitened};
 use super::light::KnownLight;
+use crate::parallel;
 use crate::picture::luminance;
 use crate::reflectance::BivariateTable;
 use crate::render::{IntegratorSettings, nodes};
@@ -55,7 +55,7 @@ pub(super) fn propose(
     let total = rows.values.len();
     let some: Vec<usize> = (0..total).step_by(total.div_ceil(COMPARED)).collect();
     let gain = image.gain(&found.state.coefficients);
-    let slopes: Vec<[f64; 3]> = some.par_iter().map(|&at| slopes(image, rows, (light, gain), table, at)).collect();
+    let slopes: Vec<[f64; 3]> = parallel::map(&some, |&at| slopes(image, rows, (light, gain), table, at));
     let (m, n) = (some.len(), image.len());
     let of_material = image.derivatives(&found.state, &some);
     let mut design = Mat::from_fn(m, n + 3, |i, j| if j < n { of_material[(i, j)] } else { slopes[i][j - n] });

@@ -1,9 +1,8 @@
 //! Posterior of one number of a material, such as gloss.
 
-use rayon::prelude::*;
-
 use super::posterior::MaterialPosterior;
 use super::spread::{spread_quantile, student_quantile};
+use crate::parallel;
 use crate::reflectance::{BivariateTable, THETA_D, THETA_H, is_trusted, theta_d_of, theta_h_of};
 
 /// Computes the brightness of the mirror direction relative to directions far from it.
@@ -34,7 +33,7 @@ pub struct ScalarPosterior {
 impl MaterialPosterior {
     /// Computes a positive number from the table of each draw.
     pub fn ranking(&self, number: impl Fn(&BivariateTable) -> f64 + Sync) -> ScalarPosterior {
-        let mut logs: Vec<f32> = self.draws.par_iter().map(|table| number(table).max(1e-300).ln() as f32).collect();
+        let mut logs: Vec<f32> = parallel::map(&self.draws, |table| number(table).max(1e-300).ln() as f32);
         logs.sort_by(f32::total_cmp);
         ScalarPosterior { logs, error: self.spread.of_numbers }
     }

@@ -1,12 +1,11 @@
 //! Posterior of the material of a photograph.
 
-use rayon::prelude::*;
-
 use super::spread::{ErrorScale, quantile, spread_quantile, student_quantile};
 use super::{Candidates, LearntPosterior};
 use crate::colour::ChromaField;
 use crate::inference::known_light::Gaussian;
 use crate::inference::likelihood::{Embedding, Likelihood};
+use crate::parallel;
 use crate::reflectance::{BivariateTable, CELLS, LatentSpace, is_trusted, trusted_cells};
 
 /// Number of draws that represent a posterior.
@@ -132,13 +131,13 @@ impl MaterialPosterior {
 
     /// Computes [`Self::channel_logs`] relative to the mean log luminance of each draw.
     fn relative_channel_logs(&self, fields: &[ChromaField], channel: usize) -> Vec<Vec<f32>> {
-        let mut logs = relative_logs(&self.draws);
-        logs.par_iter_mut().enumerate().for_each(|(at, logs)| {
+        parallel::map_range(self.draws.len(), |at| {
+            let mut logs = relative_log(&self.draws[at]);
             if let Some(ratios) = fields[at % fields.len()].ratios(channel) {
                 logs.iter_mut().zip(ratios).for_each(|(log, ratio)| *log += ratio.ln());
             }
-        });
-        logs
+            logs
+        })
     }
 
     fn quantiles_of(&self, logs: &[Vec<f32>], shares: &[f64]) -> Vec<Vec<f32>> {
@@ -224,7 +223,7 @@ fn draws(learnt: &LearntPosterior, embedding: &[f32], count: usize, seed: u64) -
     let place = |at: usize| candidates.coordinates[at].iter().map(|z| f64::from(*z)).collect();
     let drawn = Candidates::draw(&candidates.weights(embedding), count, seed);
     let places: Vec<Vec<f64>> = drawn.into_iter().map(place).collect();
-    learnt.latent_space.tables(&places).par_iter().map(|table| table.with_normal_albedo(1.0).0).collect()
+    parallel::map(&learnt.latent_space.tables(&places), |table| table.with_normal_albedo(1.0).0)
 }
 
 /// Computes the width of the 90 % interval of each cell's logarithm over equally likely tables.
@@ -244,11 +243,12 @@ fn log_level(table: &BivariateTable) -> f64 {
 
 /// Computes the logarithm of each cell relative to the [`log_level`] of its table, `[table][cell]`.
 fn relative_logs(tables: &[BivariateTable]) -> Vec<Vec<f32>> {
-    let logs = |table: &BivariateTable| {
-        let level = log_level(table) as f32;
-        table.as_slice().iter().map(|v| v.max(1e-12).ln() - level).collect()
-    };
-    tables.par_iter().map(logs).collect()
+    parallel::map(tables, relative_log)
+}
+
+fn relative_log(table: &BivariateTable) -> Vec<f32> {
+    let level = log_level(table) as f32;
+    table.as_slice().iter().map(|v| v.max(1e-12).ln() - level).collect()
 }
 
 /// Computes `count` numbers of each cell, `[cell][number]`, from its ascending logarithms.
@@ -263,5 +263,5 @@ fn by_cell(logs: &[Vec<f32>], count: usize, numbers: impl Fn(usize, &[f32]) -> V
         values.sort_unstable_by(f32::total_cmp);
         numbers(c, &values)
     };
-    (0..CELLS).into_par_iter().map(cell).collect()
+    parallel::map_range(CELLS, cell)
 }

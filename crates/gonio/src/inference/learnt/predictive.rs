@@ -3,11 +3,11 @@
 use rand::SeedableRng;
 use rand_distr::{ChiSquared, Distribution};
 use rand_pcg::Pcg64;
-use rayon::prelude::*;
 
 use super::spread::{DEGREES_OF_FREEDOM, ErrorScale};
 use super::{LearntPosterior, sample};
 use crate::inference::likelihood::Likelihood;
+use crate::parallel;
 use crate::reflectance::{BivariateTable, unit_field};
 
 /// Draws materials with albedo one along the normal from the posterior predictive distribution.
@@ -37,10 +37,12 @@ pub(crate) fn predict(
             unit_field(&mut rng).into_iter().map(|f| t * f).collect()
         })
         .collect();
-    let with_errors = |(table, field): (BivariateTable, Vec<f32>)| {
+    let tables = sample(learnt, likelihood, count, seed)?;
+    let with_errors = |at: usize| {
+        let (table, field) = (&tables[at], &fields[at]);
         let cells = table.as_slice().iter().zip(&scales).zip(field);
         let values = cells.map(|((value, scale), f)| value * (scale * f).exp()).collect();
         BivariateTable::from_vec(values).with_normal_albedo(1.0).0
     };
-    Some(sample(learnt, likelihood, count, seed)?.into_par_iter().zip(fields).map(with_errors).collect())
+    Some(parallel::map_range(tables.len(), with_errors))
 }

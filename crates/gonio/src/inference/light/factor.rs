@@ -7,6 +7,8 @@ use faer::{Accum, Mat, MatRef, Par};
 use gonio_linalg::{Cholesky, axpy, bands_of, dispatch, dot, each_column, squared_norms};
 use rayon::prelude::*;
 
+use crate::parallel;
+
 /// Number of coefficients whose images are summed together; constant, so that results do not depend
 /// on the number of threads.
 const GROUP: usize = 64;
@@ -63,19 +65,16 @@ impl Design {
     /// `B x` (rows) of several vectors, in one pass over the operator.
     pub(super) fn times_all<const N: usize>(&self, x: [&[f64]; N]) -> [Vec<f64>; N] {
         let (rows, columns) = self.matrix.shape();
-        let parts: Vec<[Vec<f64>; N]> = (0..columns.div_ceil(GROUP))
-            .into_par_iter()
-            .map(|group| {
-                let mut sums = std::array::from_fn(|_| vec![0.0; rows]);
-                for m in group * GROUP..columns.min((group + 1) * GROUP) {
-                    let column = self.matrix.col_as_slice(m);
-                    for (x, sum) in x.iter().zip(&mut sums).filter(|(x, _)| x[m] != 0.0) {
-                        dispatch(|| axpy(x[m], column, sum));
-                    }
+        let parts: Vec<[Vec<f64>; N]> = parallel::map_range(columns.div_ceil(GROUP), |group| {
+            let mut sums = std::array::from_fn(|_| vec![0.0; rows]);
+            for m in group * GROUP..columns.min((group + 1) * GROUP) {
+                let column = self.matrix.col_as_slice(m);
+                for (x, sum) in x.iter().zip(&mut sums).filter(|(x, _)| x[m] != 0.0) {
+                    dispatch(|| axpy(x[m], column, sum));
                 }
-                sums
-            })
-            .collect();
+            }
+            sums
+        });
         // Sums in the order of the groups, which does not depend on the threads.
         let mut sums = std::array::from_fn(|_| vec![0.0; rows]);
         for part in &parts {

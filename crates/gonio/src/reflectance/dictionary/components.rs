@@ -3,11 +3,11 @@
 use rand::{RngExt, SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64;
-use rayon::prelude::*;
 
 use super::super::log_basis::LogBasis;
 use super::super::parametric::{Burley, Lambert, Parametric, Sheen, Undercoat, lobes};
 use super::super::table::{BivariateTable, CELLS, THETA_D, THETA_H, theta_d_of, theta_h_of};
+use crate::parallel;
 
 /// Factors by which the highlights of measured materials are made narrower or wider.
 pub(super) const HIGHLIGHT_WIDTH_FACTORS: [f64; 4] = [0.5, 0.707, 1.414, 2.0];
@@ -76,25 +76,24 @@ impl Layout {
 ///
 /// Each component is scaled to albedo one along the normal.
 pub(super) fn components(measured: &LogBasis) -> (Vec<BivariateTable>, Vec<f64>) {
-    let own: Vec<BivariateTable> = (0..measured.len()).into_par_iter().map(|m| measured.table(m)).collect();
-    let warped = own
-        .par_iter()
-        .flat_map_iter(|table| HIGHLIGHT_WIDTH_FACTORS.iter().map(move |&factor| with_highlight_width(table, factor)));
-    let mut all: Vec<BivariateTable> = own.par_iter().cloned().chain(warped).collect();
+    let own: Vec<BivariateTable> = parallel::map_range(measured.len(), |m| measured.table(m));
+    let warped = parallel::map(&own, |table| HIGHLIGHT_WIDTH_FACTORS.map(|factor| with_highlight_width(table, factor)));
+    let mut all = own;
+    all.extend(warped.into_iter().flatten());
     let mut rng = Pcg64::seed_from_u64(1);
     let variant: Vec<Vec<f64>> =
         (0..measured.len() * VARIANTS_PER_MATERIAL).map(|_| differential_variant(measured, &mut rng)).collect();
-    all.par_extend(variant.par_iter().map(|coefficients| measured.at(coefficients)));
+    all.extend(parallel::map(&variant, |coefficients| measured.at(coefficients)));
     all.push(Lambert { albedo: 1.0 }.to_bivariate());
     all.extend([0.0, 0.5, 1.0].map(|roughness| Burley { albedo: 1.0, roughness }.to_bivariate()));
     all.push(Undercoat { albedo: 1.0, f0: 0.04 }.to_bivariate());
     all.extend(SHEENS.map(|width| Sheen { factor: 1.0, width }.to_bivariate()));
     all.extend(ALPHAS.iter().flat_map(|&alpha| lobes(alpha, &TAILS)).flatten());
     debug_assert_eq!(all.len(), Layout { measured: measured.len() }.count());
-    let albedos: Vec<f64> = all.par_iter().map(|t| t.normal_albedo().max(1e-12)).collect();
-    all.par_iter_mut().zip(&albedos).for_each(|(table, albedo)| {
+    let albedos: Vec<f64> = parallel::map(&all, |t| t.normal_albedo().max(1e-12));
+    for (table, albedo) in all.iter_mut().zip(&albedos) {
         table.as_mut_slice().iter_mut().for_each(|v| *v = (f64::from(*v) / albedo) as f32);
-    });
+    }
     (all, albedos)
 }
 

@@ -13,11 +13,11 @@ mod components;
 mod field;
 mod prior;
 
+use crate::parallel;
 use crate::statistics::median;
 use gonio_linalg::principal_axes;
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
-use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::log_basis::LogBasis;
@@ -136,7 +136,7 @@ impl LatentSpace {
             table.extend_from_trusted();
             table
         };
-        places.par_iter().map(table).collect()
+        parallel::map(places, table)
     }
 }
 
@@ -167,7 +167,7 @@ impl Dictionary {
         let alone = (0..dictionary.measured.len()).map(|m| DrawnMaterial { mixture: vec![(m, 1.0)], field: None });
         let entries = alone.chain((0..settings.draws).map(|_| dictionary.draw(&settings.prior, &mut rng))).collect();
         dictionary.entries = entries;
-        let logs: Vec<Vec<f64>> = dictionary.entries.par_iter().map(|e| relative_log(&dictionary.table(e))).collect();
+        let logs: Vec<Vec<f64>> = parallel::map(&dictionary.entries, |e| relative_log(&dictionary.table(e)));
         let (mean, axes, variances) = principal_axes(&logs, settings.dimensions);
         let scaled = |(axis, v): (&Vec<f64>, &f64)| axis.iter().map(|a| (a / v.sqrt()) as f32).collect();
         dictionary.latent_space = LatentSpace {
@@ -175,7 +175,7 @@ impl Dictionary {
             axes: axes.iter().zip(&variances).map(scaled).collect(),
         };
         dictionary.coordinates =
-            dictionary.entries.par_iter().map(|e| dictionary.latent_space.of(&dictionary.table(e))).collect();
+            parallel::map(&dictionary.entries, |e| dictionary.latent_space.of(&dictionary.table(e)));
         dictionary
     }
 

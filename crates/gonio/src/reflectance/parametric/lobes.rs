@@ -1,8 +1,8 @@
 //! Tables of many microfacet lobes at once.
 
 use super::{Facet, HORIZON};
+use crate::parallel;
 use crate::reflectance::table::{BivariateTable, CELLS, PHI_D, angles_of};
-use rayon::prelude::*;
 use std::f64::consts::PI;
 
 /// Returns the mean over `phi_d` of a function that is symmetric in light and view.
@@ -27,7 +27,7 @@ pub(super) fn averaged(value: impl Fn(&Facet) -> f64 + Sync) -> BivariateTable {
         }
         if count > 0 { (sum / f64::from(count)) as f32 } else { 0.0 }
     };
-    BivariateTable::from_vec((0..CELLS).into_par_iter().map(cell).collect())
+    BivariateTable::from_vec(parallel::map_range(CELLS, cell))
 }
 
 /// Returns the density of facet normals whose slopes follow Student's t (Ribardiere et al. 2017).
@@ -56,15 +56,12 @@ pub fn lobes(alpha: f64, tails: &[f64]) -> Vec<[BivariateTable; 2]> {
     // Only masking depends on phi_d.
     let masked = averaged(|facet| visibility(alpha * alpha, facet.cos_i, facet.cos_o));
     let lobe = |tail: f64| {
-        let cells: Vec<[f32; 2]> = (0..CELLS)
-            .into_par_iter()
-            .map(|c| {
-                let (h, d) = angles_of(c);
-                let facet = Facet { cos_i: 1.0, cos_o: 1.0, cos_h: h.cos(), cos_d: d.cos(), tan2_h: h.tan().powi(2) };
-                let mirror = student(&facet, alpha, tail) * f64::from(masked.as_slice()[c]);
-                [0.0, 1.0].map(|f0| (mirror * facet.schlick(f0)) as f32)
-            })
-            .collect();
+        let cells: Vec<[f32; 2]> = parallel::map_range(CELLS, |c| {
+            let (h, d) = angles_of(c);
+            let facet = Facet { cos_i: 1.0, cos_o: 1.0, cos_h: h.cos(), cos_d: d.cos(), tan2_h: h.tan().powi(2) };
+            let mirror = student(&facet, alpha, tail) * f64::from(masked.as_slice()[c]);
+            [0.0, 1.0].map(|f0| (mirror * facet.schlick(f0)) as f32)
+        });
         [0, 1].map(|which| BivariateTable::from_vec(cells.iter().map(|c| c[which]).collect()))
     };
     tails.iter().map(|&tail| lobe(tail)).collect()

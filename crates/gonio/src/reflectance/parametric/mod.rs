@@ -24,8 +24,8 @@ pub use ward::Ward;
 pub(crate) use ggx::{distribution, lobe};
 
 use super::table::{BivariateTable, CELLS, MerlTable, PHI_D, THETA_D, angles_of, theta_d_of, theta_h_of};
+use crate::parallel;
 use glam::DVec3;
-use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::FRAC_1_PI;
 
@@ -71,7 +71,7 @@ pub(crate) fn azimuth_means<const N: usize>(
         }
         sum.map(|sum| if count > 0 { (sum / f64::from(count)) as f32 } else { 0.0 })
     };
-    let cells: Vec<[f32; N]> = (0..CELLS).into_par_iter().map(cell).collect();
+    let cells: Vec<[f32; N]> = parallel::map_range(CELLS, cell);
     std::array::from_fn(|which| BivariateTable::from_vec(cells.iter().map(|cell| cell[which]).collect()))
 }
 
@@ -85,7 +85,7 @@ pub fn full_table(brdf: impl Fn(DVec3, DVec3) -> [f64; 3] + Sync) -> MerlTable {
         let (wi, wo) = directions(theta_h_of(c / THETA_D), theta_d_of(c % THETA_D), (k as f64).to_radians());
         if wi.z > HORIZON && wo.z > HORIZON { brdf(wi, wo).map(|v| v as f32) } else { [-1.0; 3] }
     };
-    let cells: Vec<[f32; 3]> = (0..MerlTable::CHANNEL).into_par_iter().map(cell).collect();
+    let cells: Vec<[f32; 3]> = parallel::map_range(MerlTable::CHANNEL, cell);
     MerlTable::from_channels([0, 1, 2].map(|channel| cells.iter().map(|rgb| rgb[channel]).collect()))
 }
 

@@ -7,11 +7,11 @@ use std::sync::Arc;
 
 use glam::{DQuat, DVec3};
 use levenberg_marquardt::LevenbergMarquardt;
-use rayon::prelude::*;
 
 use super::{Layered, Parameter, Shading};
 use crate::appearance::Lattice;
 use crate::lighting::studio_light;
+use crate::parallel;
 use crate::reflectance::parametric::directions;
 use crate::reflectance::{BivariateTable, THETA_H};
 use crate::reflectance::{theta_d_of, theta_h_of};
@@ -188,7 +188,7 @@ impl Fitter {
             let starts = Layered::starts(fitter.body, fitter.highlight);
             fitter.search::<Layered>(Layered::PARAMETERS, starts, &all, SIMPLER, 1).0
         };
-        let errors: Vec<f64> = FACTORS.par_iter().map(error).collect();
+        let errors: Vec<f64> = parallel::map(&FACTORS, error);
         let least = errors.iter().copied().fold(f64::INFINITY, f64::min);
         let similar = errors.iter().position(|error| *error <= SIMILAR.0 * least + SIMILAR.1);
         FACTORS[similar.unwrap_or(0)]
@@ -249,8 +249,7 @@ impl Fitter {
         }
         // The sketch does not resolve very sharp lobes, so the exact errors decide. Later fits have
         // fewer parameters.
-        let mut judged: Vec<Fitted<S>> =
-            found.into_par_iter().map(|parameters| self.judge(parameters, ranges)).collect();
+        let mut judged: Vec<Fitted<S>> = parallel::map(&found, |parameters| self.judge(parameters.clone(), ranges));
         let error = |fitted: &Fitted<S>| criterion((fitted.relight, fitted.log_relight));
         let least = judged.iter().map(error).fold(f64::INFINITY, f64::min);
         let simplest = judged.iter().rposition(|fitted| error(fitted) <= HARDLY.0 * least + HARDLY.1);
@@ -294,10 +293,10 @@ impl Fitter {
                 LevenbergMarquardt::new().with_patience(patience).with_ftol(1e-3).with_xtol(1e-3).minimize(problem);
             found.parameters()
         };
-        let starts = best(starts.into_par_iter().map(judged).collect(), promising);
-        let first = starts.par_iter().map(|(_, start)| judged(search(start, Goal::Samples, 12)));
-        let first = best(first.collect(), refined);
-        let refined: Vec<_> = first.par_iter().map(|(_, at)| judged(search(at, Goal::Picture, 2))).collect();
+        let starts = best(parallel::map(&starts, |start| judged(start.clone())), promising);
+        let first = parallel::map(&starts, |(_, start)| judged(search(start, Goal::Samples, 12)));
+        let first = best(first, refined);
+        let refined: Vec<_> = parallel::map(&first, |(_, at)| judged(search(at, Goal::Picture, 2)));
         let (mut least, mut parameters) =
             best([first, refined].concat(), 1).pop().expect("every model has starting parameters");
         // The logistic function never reaches the ends of its range, so they are tried separately.

@@ -8,7 +8,8 @@
 # 3. the interactive sphere of the report against brute-force integration, in Chromium;
 # 4. the page that infers in a browser, in Chromium;
 # 5. the Blender add-on in Blender;
-# 6. each fuzz target for SECONDS (60 by default; requires a nightly toolchain).
+# 6. the tutorial and the slow tests of the Python package;
+# 7. each fuzz target for SECONDS (60 by default; requires a nightly toolchain).
 #
 # Run .ci/run first, which installs the packages.
 set -euo pipefail
@@ -52,6 +53,9 @@ blender="${BLENDER_VENV:-$PWD/target/blender-venv}"
 [ -x "$blender/bin/pip" ] || python3.11 -m venv "$blender"
 "$blender/bin/pip" install --quiet --disable-pip-version-check bpy==4.5.15
 "$blender/bin/python" crates/gonio-cli/tests/exports/addon.py target/debug/gonio samples/ball.exr
+
+echo "== Python"
+GONIO_CLI="$PWD/target/debug/gonio" crates/gonio-python/check.sh --all
 
 echo "== fuzz"
 out="$(mktemp -d)"

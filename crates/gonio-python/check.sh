@@ -1,11 +1,19 @@
 #!/usr/bin/env bash
-# Builds the wheel, installs it into a new virtual environment, and checks tests, examples, types and the whole tutorial there.
+# Builds the wheel, installs it into a new virtual environment, and checks tests, examples and types there.
 #
+#   check.sh [--all]
+#
+# --all: also run the tests that are marked as slow, and the tutorial.
 # PYTHON_VENV: environment of tools, kept between runs. GONIO_CLI: program whose results the package must reproduce.
 set -euo pipefail
 cd "$(dirname "$0")"
 target="${CARGO_TARGET_DIR:-$PWD/../../target}"
 tools="${PYTHON_VENV:-$target/python-venv}"
+case "${1:-}" in
+    --all) all=1 tests=() ;;
+    "") all= tests=(-m "not slow") ;;
+    *) echo "usage: $0 [--all]" >&2; exit 2 ;;
+esac
 step() { echo "== python: $1 ($SECONDS s)"; }
 
 step "tools"
@@ -27,7 +35,7 @@ env -i PATH="$wheels/new/bin" "$wheels/new/bin/python" tests/installed.py
 "$tools/bin/pip" install --quiet --disable-pip-version-check --force-reinstall --no-deps "$wheels"/gonio-*.whl
 
 # Much of this code uses one core, so the other checks run beside the tests.
-step "tests, beside examples of the documentation, types and tutorial"
+step "tests, beside examples of the documentation and types"
 beside() {
     set -e
     # Runs the examples of the docstrings.
@@ -40,6 +48,7 @@ beside() {
     echo 'gonio._gonio.__all__' > "$wheels/allowed"
     (cd "$wheels" && "$tools/bin/python" -m mypy.stubtest gonio._gonio --allowlist allowed)
 
+    [ "$all" ] || return 0
     step "tutorial"
     "$tools/bin/python" - ../../docs/tutorial.ipynb <<'PYTHON'
 import pathlib, sys, tempfile
@@ -55,7 +64,7 @@ PYTHON
 (beside) >"$wheels/beside.log" 2>&1 &
 other=$!
 failed=0
-"$tools/bin/python" -m pytest -q --durations=20 -p no:cacheprovider tests || failed=1
+"$tools/bin/python" -m pytest -q --durations=20 -p no:cacheprovider "${tests[@]}" tests || failed=1
 wait $other || failed=1
 cat "$wheels/beside.log"
 step "done"

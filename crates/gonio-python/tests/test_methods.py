@@ -33,6 +33,7 @@ def test_methods_of_the_paper_estimate_coefficients(small, method, tmp_path):
     assert method in repr(found)
 
 
+@pytest.mark.slow
 def test_the_setup_of_the_paper_and_a_known_light(small):
     paper = gonio.infer(small, method="paper", starts=1, pictures=False)
     assert paper.result["settings"]["paper"] is True and paper.method == "variational"

@@ -27,7 +27,7 @@ def test_a_trained_model_can_be_used(small, tmp_path):
     told = []
     lighting = gonio.train_lighting(lights(), grid=16, turns=2, progress=lambda stage, x: told.append(stage))
     basis = gonio.train_reflectance(materials(), rank=2, restarts=2)
-    posterior = gonio.train_posterior(lights()[:1], materials(), views=2, draws=10, steps=2)
+    posterior = gonio.train_posterior(lights()[:1], materials(), views=1, draws=4, steps=2)
     assert told and set(told) == {"reading lights"}
     assert "3 maps" in lighting.provenance and set(basis.errors) == {"matt", "satin", "gloss"}
     model = gonio.train_model(lighting, basis, posterior)
@@ -41,7 +41,7 @@ def test_a_trained_model_can_be_used(small, tmp_path):
     assert pickle.loads(pickle.dumps(found)).draw(2).shape == (2, 90, 90)
     # The untrained parts are those of the embedded model.
     assert gonio.train_model(posterior=posterior).largest_grid == gonio.Model.embedded().largest_grid
-    again = gonio.train_posterior(lights()[:1], materials(), views=2, draws=10, steps=2, initial=model)
+    again = gonio.train_posterior(lights()[:1], materials(), views=1, draws=2, steps=1, initial=model)
     assert again.provenance.endswith(f"from the network of: {posterior.provenance}")
     with pytest.raises(gonio.GonioError, match="the model: has no posterior of materials"):
         gonio.infer(small, model=gonio.train_model(lighting, basis), grid=8, pictures=False)

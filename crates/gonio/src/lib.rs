@@ -60,7 +60,7 @@ pub mod gloss;
 pub mod inference;
 pub mod lighting;
 pub mod model;
-pub mod parallel;
+mod parallel;
 pub mod picture;
 pub mod probe;
 pub mod reference;

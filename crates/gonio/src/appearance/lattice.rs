@@ -64,8 +64,8 @@ impl Lattice {
         let normals: Vec<DVec3> = points.iter().map(SurfacePoint::in_view).collect();
         let usable: Vec<usize> = (0..points.len()).filter(|&i| weights[i] > 0.0).collect();
         let reach = POINT_RADIUS.to_radians().powi(2);
-        let nearest = |n: &DVec3| {
-            let square = |i: usize| (normals[i] - *n).length_squared();
+        let nearest = |at: usize| {
+            let square = |i: usize| (normals[i] - self.normals[at]).length_squared();
             let mut near: Vec<usize> = usable.iter().copied().filter(|&i| square(i) <= reach).collect();
             near.sort_by(|&a, &b| weights[b].total_cmp(&weights[a]).then(square(a).total_cmp(&square(b))));
             near.truncate(each);
@@ -74,7 +74,7 @@ impl Lattice {
             }
             near
         };
-        let mut chosen = parallel::map(&self.normals, nearest).concat();
+        let mut chosen = parallel::flat_map_range(self.normals.len(), nearest);
         chosen.sort_unstable();
         chosen.dedup();
         chosen

@@ -157,8 +157,8 @@ fn difference(a: &Frame<'_>, b: &Frame<'_>, tables: &[Table; 3]) -> Option<Diffe
             (middle(of_a[c]) && middle(of_b[c])).then_some(sample)
         }))
     };
-    let samples = parallel::map_range((width * height).div_ceil(step), |at| of_pixel(at * step));
-    let samples: Vec<Sample> = samples.into_iter().flatten().flatten().flatten().collect();
+    let of_pixel = |at: usize| of_pixel(at * step).into_iter().flatten().flatten();
+    let samples: Vec<Sample> = parallel::flat_map_range((width * height).div_ceil(step), of_pixel);
     if samples.len() < MIN_SAMPLES {
         return None;
     }

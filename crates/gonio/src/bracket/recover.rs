@@ -103,7 +103,7 @@ fn equations(frames: &[Frame<'_>], channel: usize) -> Vec<Equations> {
         let (least, most) = said.iter().fold((f64::MAX, f64::MIN), |(a, b), &(_, t)| (a.min(t), b.max(t)));
         (most - least > MIN_RATIO.ln()).then_some(said)
     };
-    parallel::map_range((width * height).div_ceil(step), |at| of_pixel(at * step)).into_iter().flatten().collect()
+    parallel::flat_map_range((width * height).div_ceil(step), |at| of_pixel(at * step))
 }
 
 fn recover_channel(pixels: &[Equations]) -> Result<Vec<f64>, BracketError> {

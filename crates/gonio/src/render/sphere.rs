@@ -123,5 +123,5 @@ pub fn images_of_basis<'a>(
         }
         row
     };
-    parallel::map_range(points.len(), row).concat()
+    parallel::flat_map_range(points.len(), row)
 }

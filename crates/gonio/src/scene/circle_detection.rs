@@ -91,8 +91,7 @@ impl CircleDetection {
     pub(super) fn of(rgb: &Plane<Vec3>, small: &Small, edges: &Edges, hint: Option<&Circle>) -> Self {
         let hint = hint.map(|circle| edges.ring(circle));
         let rough: Vec<Ring> = hint.into_iter().chain(distinct(edges.best(), REFINED, |ring| ring)).collect();
-        let refined = parallel::map(&rough, |ring| edges.refined(rgb, small, ring));
-        let mut closer: Vec<_> = refined.into_iter().flatten().collect();
+        let mut closer: Vec<_> = parallel::flat_map_range(rough.len(), |at| edges.refined(rgb, small, &rough[at]));
         sort(&mut closer, |(ring, _)| ring);
         let mut distinct_circles = distinct(closer, REFINED, |(ring, _)| ring);
         let mut rival = 0.0;

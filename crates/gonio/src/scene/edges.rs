@@ -260,7 +260,7 @@ impl Field {
             rings.collect::<Vec<_>>()
         };
         let rows = height.div_ceil(APART);
-        let mut rings: Vec<Ring> = parallel::map_range(rows, |y| row(APART * y)).concat();
+        let mut rings: Vec<Ring> = parallel::flat_map_range(rows, |y| row(APART * y));
         sort(&mut rings, |ring| ring);
         rings.truncate(CLOSER);
         rings = parallel::map(&rings, |ring| self.climbed(*ring));

@@ -91,10 +91,9 @@ pub(super) fn outliers(rgb: &Plane<Vec3>, region: &Plane<bool>) -> Outliers {
         let (value, bright) = channels.fold((0.0, false), |most, next| if next.0 > most.0 { next } else { most });
         Score { pixel, value, bright }
     };
-    let scored = parallel::map_range(region.as_slice().len(), |i| {
+    let mut scored: Vec<Score> = parallel::flat_map_range(region.as_slice().len(), |i| {
         region.as_slice()[i].then(|| score(i)).filter(|score| score.value > RECORDED_SCORE)
     });
-    let mut scored: Vec<Score> = scored.into_iter().flatten().collect();
     let pixels = region.as_slice().iter().filter(|inside| **inside).count();
     let mut scores: Vec<f64> = scored.iter().map(|score| score.value).collect();
     let rank = ((MAX_SHARE * pixels as f64) as usize).max(MIN_RANK);
@@ -131,7 +130,7 @@ impl<'a> OutlierDetector<'a> {
                 let Prediction { level, deviation, .. } = detector.predict(&window)?;
                 Some(NoiseSample { level, deviation, step: window.step() })
             };
-            let found = parallel::map_range(inside.len().div_ceil(step), sample).into_iter().flatten().collect();
+            let found = parallel::flat_map_range(inside.len().div_ceil(step), sample);
             detector.noise.push(NoiseLevels::new(found)?);
         }
         Some(detector)
@@ -225,8 +224,9 @@ impl<'a> OutlierDetector<'a> {
             }
             Some(usize::from(structure > SHARP_STRUCTURE * level))
         };
-        let found = parallel::map_range(inside.len().div_ceil(step), |at| structured(&inside[at * step]));
-        let (count, total) = found.into_iter().flatten().fold((0, 0), |(count, total), one| (count + one, total + 1));
+        let found: Vec<usize> =
+            parallel::flat_map_range(inside.len().div_ceil(step), |at| structured(&inside[at * step]));
+        let (count, total) = (found.iter().sum::<usize>(), found.len());
         count as f64 > SHARP_SHARE * total as f64
     }
 }

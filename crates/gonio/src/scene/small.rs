@@ -88,7 +88,7 @@ fn blocks(of: &Plane<Vec3>, step: usize, value: impl Fn(Vec3) -> Vec3 + Sync) ->
         sums.iter_mut().for_each(|sum| *sum /= span.len() as f32);
         sums
     };
-    Plane::from_vec(columns, rows, parallel::map_range(rows, row).concat())
+    Plane::from_vec(columns, rows, parallel::flat_map_range(rows, row))
 }
 
 #[cfg(test)]

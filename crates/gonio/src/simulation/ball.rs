@@ -121,7 +121,7 @@ impl BallRenderer {
                 (&self.far, Lamp::all(light), Part::WithoutLamps, layout)
             }
         };
-        let laid: Vec<f32> = parallel::map(tables, |t| layout.laid(t.as_slice())).concat();
+        let laid: Vec<f32> = parallel::flat_map_range(tables.len(), |at| layout.laid(tables[at].as_slice()));
         let laid = MatRef::from_column_major_slice(&laid, layout.cells(), tables.len());
         let chunk = CHUNK * SYMMETRIES;
         // `[table][orbit][way]` of each chunk.

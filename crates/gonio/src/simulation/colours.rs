@@ -83,8 +83,8 @@ impl<'a> ColourStock<'a> {
             };
             Some(ColourSample { errors: [error(0)?, error(1)?, error(2)?] })
         };
-        let samples = parallel::map_range(self.materials.len(), sample);
-        self.samples.extend(samples.into_iter().flatten());
+        let samples = parallel::flat_map_range(self.materials.len(), sample);
+        self.samples.extend(samples);
         self.lights += 1;
     }
 

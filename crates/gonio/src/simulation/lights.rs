@@ -30,8 +30,8 @@ pub enum LightKind {
 }
 
 impl LightKind {
-    /// All kinds with their frequencies: half are unchanged captured lights, the others are lights
-    /// that no captured map contains.
+    /// All kinds with their frequencies. About half are unchanged captured lights; the others
+    /// resemble no captured map.
     pub const SHARES: [(Self, f64); 8] = [
         (Self::Captured, 0.48),
         (Self::Lamped, 0.07),
@@ -222,10 +222,12 @@ struct Sky {
     /// Increase of the radiance from the horizon to the zenith. The overcast sky of ISO 15469,
     /// 1 + 2 sin(elevation), has 2.
     rise: f64,
-    /// Sine of the elevation to which the horizon reaches up and down.
+    /// Sine of the elevation up to which ground and sky mix above the horizon, and below it.
     horizon: f64,
-    /// Plane waves, the clouds: wave vector and phase. Their sum is the logarithm of a factor.
+    /// Wave vectors and phases of plane waves. Clouds multiply the radiance by the exponential of
+    /// the sum of these waves.
     waves: [(DVec3, f64); 4],
+    /// Amplitude of each wave.
     amplitude: f64,
 }
 

@@ -77,9 +77,10 @@ impl Layout {
 /// Each component is scaled to albedo one along the normal.
 pub(super) fn components(measured: &LogBasis) -> (Vec<BivariateTable>, Vec<f64>) {
     let own: Vec<BivariateTable> = parallel::map_range(measured.len(), |m| measured.table(m));
-    let warped = parallel::map(&own, |table| HIGHLIGHT_WIDTH_FACTORS.map(|factor| with_highlight_width(table, factor)));
-    let mut all = own;
-    all.extend(warped.into_iter().flatten());
+    let warped = parallel::flat_map_range(own.len(), |at| {
+        HIGHLIGHT_WIDTH_FACTORS.map(|factor| with_highlight_width(&own[at], factor))
+    });
+    let mut all = [own, warped].concat();
     let mut rng = Pcg64::seed_from_u64(1);
     let variant: Vec<Vec<f64>> =
         (0..measured.len() * VARIANTS_PER_MATERIAL).map(|_| differential_variant(measured, &mut rng)).collect();

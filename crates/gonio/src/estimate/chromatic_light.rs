@@ -254,9 +254,10 @@ impl Images {
         let mut system = Mat::<f64>::zeros(2 * count, 3 * rows);
         let mut right = vec![0.0; 3 * rows];
         for (i, plain) in plain.iter().enumerate() {
+            let observed = at_luminance_of(self.colours[i], *plain);
             for c in 0..3 {
                 let (column, weight) = (3 * i + c, precision(c, i, plain));
-                right[column] = weight * (self.colours[i][c] - plain[c]);
+                right[column] = weight * (observed[c] - plain[c]);
                 let part = self.parts[c].col_as_slice(i);
                 let out = system.col_as_slice_mut(column);
                 for (axis, direction) in directions.iter().enumerate() {
@@ -297,6 +298,14 @@ impl Images {
             },
         )
     }
+}
+
+/// Scales a colour to the luminance of another, so that the tints, which preserve the luminance, do
+/// not explain its misfit.
+fn at_luminance_of(colour: DVec3, other: DVec3) -> DVec3 {
+    let luminance = |c: DVec3| f64::from(luminance(c.as_vec3())).max(0.0);
+    let (have, want) = (luminance(colour), luminance(other));
+    if have > 0.0 { colour * (want / have) } else { other }
 }
 
 /// Returns the square (`side` per side) that contains texel `t` (`fine` per side).

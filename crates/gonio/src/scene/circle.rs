@@ -6,7 +6,7 @@ use glam::DVec2;
 use serde::{Deserialize, Serialize};
 
 use super::SceneError;
-use super::circle_fit::{Circle, aspect, fit_circle};
+use super::circle_fit::{Circle, Fit, aspect, fit_arc, fit_circle};
 use super::components::{border, fill_holes, largest_component, neighbours};
 use crate::picture::Plane;
 
@@ -20,6 +20,10 @@ const MIN_SPAN: f64 = 5.0 * PI / 12.0;
 const MIN_ASPECT: f64 = 0.95;
 /// Largest share of the outline that may lie far off the circle (a stand, a finger).
 const MAX_STRAY: f64 = 0.3;
+/// The same share of a ball that a straight edge hides up to its middle: 2 / (2 + pi), rounded up.
+/// The rest of its outline must be a circle within half a pixel and this share of the radius.
+const MAX_HIDDEN: f64 = 0.4;
+const MAX_SPREAD_OF_ARCS: f64 = 0.01;
 
 /// Outline of a ball and its deviation from a circle.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -50,7 +54,8 @@ pub(crate) struct DetectedCircle {
 /// The ball is the largest connected set of pixels with a coverage of at least one half, with its
 /// holes filled. Its rim is where the coverage, interpolated between neighbouring pixels, is one
 /// half; there is no rim where the border of the picture crops the ball. The circle is fitted to
-/// the rim by robust least squares, without points far off (a stand, a finger).
+/// the rim by robust least squares, without points far off (a stand, a finger, a straight edge that
+/// hides up to half of the ball).
 ///
 /// # Errors
 /// * [`SceneError::EmptyMask`] and [`SceneError::MaskEverywhere`].
@@ -58,20 +63,28 @@ pub(crate) struct DetectedCircle {
 /// * [`SceneError::ShortOutline`] when the visible outline spans less than 75 degrees.
 /// * [`SceneError::Elliptic`] when the shorter axis is under 0.95 of the longer.
 /// * [`SceneError::NotACircle`] when the outline deviates by more than half a pixel plus 3 % of the
-///   radius, or when more than 30 % of it lies far off.
+///   radius, or when more than 30 % of it lies far off (1 % and 40 % for a hidden ball).
 pub(crate) fn find_sphere(coverage: &Plane<f32>) -> Result<DetectedCircle, SceneError> {
     let (ball, rim) = ball_and_rim(coverage)?;
     let too_small = |radius| SceneError::TooSmall { radius, min: MIN_BALL_RADIUS };
     // No circle fits a straight edge: the visible outline spans no angle.
     let short = |span: f64| SceneError::ShortOutline { degrees: span.to_degrees(), min: MIN_SPAN.to_degrees() };
     let cropped = border(ball.size()).any(|at| ball[at]);
-    let fit = fit_circle(&rim).ok_or_else(|| if cropped { short(0.0) } else { no_circle(&rim) })?;
+    let mut fit = fit_circle(&rim).ok_or_else(|| if cropped { short(0.0) } else { no_circle(&rim) })?;
+    let is_good = |fit: &Fit, stray: f64, spread: f64| {
+        fit.spread <= 0.5 + spread * fit.circle.radius
+            && (rim.len() - fit.near.len()) as f64 <= stray * rim.len() as f64
+    };
+    let mut accepted = is_good(&fit, MAX_STRAY, 0.03);
+    if !accepted && let Some(arc) = fit_arc(&rim).filter(|arc| is_good(arc, MAX_HIDDEN, MAX_SPREAD_OF_ARCS)) {
+        (fit, accepted) = (arc, true);
+    }
     let circle = fit.circle;
     let stray = rim.len() - fit.near.len();
     let span = span(&fit.near, &circle);
     let seen_half = span >= PI;
     let aspect = if seen_half { aspect(&fit.near, &circle) } else { 1.0 };
-    if fit.spread > 0.5 + 0.03 * circle.radius || stray as f64 > MAX_STRAY * rim.len() as f64 {
+    if !accepted {
         // A clear ellipse is reported as such even where no circle fits it.
         return Err(if (0.5..MIN_ASPECT).contains(&aspect) && stray == 0 {
             SceneError::Elliptic { aspect, under_camera: false }
@@ -244,6 +257,21 @@ mod tests {
         let found = check(&ellipse((128, 128), (64.0, 64.0), (50.0, 49.0), true), (64.0, 64.0), 49.5, 0.05);
         let want = (1.0 - 0.98_f64.powi(2)).sqrt();
         assert!((found.eccentricity.unwrap() - want).abs() < 0.01, "{found:?}");
+    }
+
+    #[test]
+    fn finds_balls_that_an_object_in_front_hides_in_part() {
+        for (x, y, turn) in [(1.0, 0.0, 0.0), (1.0, 0.0, 0.3), (0.0, 1.0, 0.5), (0.6, -0.8, 0.1)] {
+            // Hides what is further than `turn` radii along a direction.
+            let whole = ellipse((128, 128), (64.0, 64.0), (50.0, 50.0), true);
+            let along = |at: (usize, usize)| (at.0 as f64 + 0.5 - 64.0) * x + (at.1 as f64 + 0.5 - 64.0) * y;
+            let mask = Plane::from_fn(128, 128, |x, y| if along((x, y)) > 50.0 * turn { 0.0 } else { whole[(x, y)] });
+            check(&mask, (64.0, 64.0), 50.0, 0.3);
+        }
+        // A tenth of the ball is too little.
+        let mask = ellipse((128, 128), (64.0, 64.0), (50.0, 50.0), true);
+        let tenth = Plane::from_fn(128, 128, |x, y| if x > 25 { 0.0 } else { mask[(x, y)] });
+        assert!(matches!(find_sphere(&tenth).unwrap_err(), SceneError::NotACircle { .. }));
     }
 
     #[test]

@@ -5,6 +5,8 @@ use crate::statistics::median;
 use faer::Mat;
 use faer::linalg::solvers::SolveLstsq;
 use glam::{DMat3, DVec2, DVec3};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
 use serde::{Deserialize, Serialize};
 
 /// A circle in a picture: the outline of a ball under an orthographic camera.
@@ -25,6 +27,10 @@ const FAR: f64 = 4.685;
 /// Smallest spread assumed, in pixels: no mask is more accurate.
 const MIN_SPREAD: f64 = 0.15;
 
+/// Number of triples of points that are drawn, and of points to which their circles are compared.
+const TRIPLES: usize = 200;
+const COMPARED: usize = 400;
+
 /// A circle and how well it fits the points.
 #[derive(Clone, Debug)]
 pub(super) struct Fit {
@@ -39,7 +45,27 @@ pub(super) struct Fit {
 ///
 /// Returns `None` if the points lie on a line or no circle fits.
 pub(super) fn fit_circle(points: &[DVec2]) -> Option<Fit> {
-    let mut circle = taubin(points)?;
+    refined(points, taubin(points)?)
+}
+
+/// Fits a circle to the outline of a ball that is hidden in part, where up to half of the `points`
+/// are on the edge of what hides it.
+///
+/// Starts from the circle through three of the points that has the smallest median distance to all,
+/// out of many triples drawn at random (Rousseeuw 1984).
+pub(super) fn fit_arc(points: &[DVec2]) -> Option<Fit> {
+    let some: Vec<DVec2> = points.iter().copied().step_by(points.len().div_ceil(COMPARED).max(1)).collect();
+    let mut rng = Pcg64::seed_from_u64(1);
+    let mut any = || some[rng.random_range(0..some.len())];
+    let triples: Vec<[DVec2; 3]> =
+        (0..if some.is_empty() { 0 } else { TRIPLES }).map(|_| [any(), any(), any()]).collect();
+    let circles = triples.iter().filter_map(|triple| taubin(triple));
+    let start = circles.min_by(|a, b| median_distance(&some, a).total_cmp(&median_distance(&some, b)))?;
+    refined(points, start)
+}
+
+/// Refines a circle by robust least squares.
+fn refined(points: &[DVec2], mut circle: Circle) -> Option<Fit> {
     let mut spread = 0.0;
     // Gauss-Newton on c and r of sum w (|p - c| - r)^2; the weights depend on the distances.
     for _ in 0..100 {
@@ -178,6 +204,23 @@ mod tests {
         let fit = fit_circle(&points).unwrap();
         assert!((fit.circle.radius - 25.0).abs() < 0.02, "{:?}", fit.circle);
         assert!(fit.near.len() < 205);
+    }
+
+    #[test]
+    fn arcs_are_recovered_beside_a_straight_edge() {
+        for depth in [0.0, 0.3, 0.6] {
+            // A disc without the part beyond a chord: the arc, and points along the chord.
+            let all = arc(25.0, 25.0, TAU, 400);
+            let mut points: Vec<DVec2> = all.into_iter().filter(|p| p.x < 40.0 + 25.0 * depth).collect();
+            let half = 25.0 * (1.0 - depth * depth).sqrt();
+            let chord = (2.0 * half / (TAU * 25.0 / 400.0)) as usize;
+            let along = |i: usize| DVec2::new(40.0 + 25.0 * depth, 30.0 - half + 2.0 * half * i as f64 / chord as f64);
+            points.extend((0..chord).map(along));
+            let fit = fit_arc(&points).unwrap();
+            let error = DVec3::new(fit.circle.x - 40.0, fit.circle.y - 30.0, fit.circle.radius - 25.0).length();
+            assert!(error < 0.05, "{depth} {:?}", fit.circle);
+        }
+        assert!(fit_arc(&[]).is_none() && fit_arc(&[DVec2::ONE; 9]).is_none());
     }
 
     #[test]

@@ -190,8 +190,8 @@ fn posterior_matches_the_closed_form_in_image_space() {
     };
     let (first, second) = (part(0), part(1));
     let image = &first * &correlation * first.transpose() + &second * &correlation * second.transpose();
-    let right: Vec<f64> =
-        (0..size).map(|at| scale(at) * (images.colours[at / 3][at % 3] - plain[at / 3][at % 3])).collect();
+    let observed: Vec<DVec3> = images.colours.iter().zip(&plain).map(|(c, p)| at_luminance_of(*c, *p)).collect();
+    let right: Vec<f64> = (0..size).map(|at| scale(at) * (observed[at / 3][at % 3] - plain[at / 3][at % 3])).collect();
     let dual = Cholesky::new(image + Mat::<f64>::identity(size, size)).unwrap().solve(&right);
     let dual = Mat::from_fn(size, 1, |i, _| dual[i]);
     let fields = [first, second].map(|x| &correlation * x.transpose() * &dual);

@@ -31,8 +31,9 @@ use crate::statistics::median;
 
 /// Approximate number of cells along the longer side of the object.
 const CELLS: f64 = 100.0;
-/// Smallest number of cells of an object.
-const MIN_CELLS: usize = 500;
+/// Smallest number of cells of an object: those of a ball of 50 pixels. In smaller photographs,
+/// reflections of windows have the sharp edges of paint (docs/trials.md).
+const MIN_CELLS: usize = 2000;
 /// Distance of cells whose differences are fitted, in cells, and the degree of the shading in this
 /// fit. With a degree of 4, labels are mistaken for shading.
 const DIFFERENCES: (isize, usize) = (3, 6);

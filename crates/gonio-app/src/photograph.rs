@@ -7,7 +7,7 @@ use gonio::picture::{Picture, Plane};
 use gonio::suggestion::Suggestion;
 use gonio_io::colour_space::ColourSpace;
 use gonio_io::picture::{
-    self, BracketOptions, Decoded, Encoding, InputSpace, ReadOptions, divide_by_flat, subtract_black,
+    self, BracketOptions, Decoded, Encoding, InputSpace, ReadOptions, divide_by_flat, repeated_maximum, subtract_black,
 };
 use gonio_io::result::Bracket;
 
@@ -15,8 +15,6 @@ use crate::{AppError, Warning, coded_floats, spaces};
 
 /// Relative error of an exposure time above which a warning reports it.
 const TIME_ERROR: f64 = 0.05;
-/// Smallest number of pixels with the maximum value in a float image that is clipped.
-const CLIPPED_PIXELS: usize = 12;
 
 /// Options for reading the files of a photograph.
 #[derive(Clone, Debug, Default)]
@@ -241,7 +239,8 @@ fn single(
                            image to a linear colour space";
             return Err(AppError::of(path.display(), problem));
         }
-        let level_found = decoded.full_scale.or_else(|| repeated_maximum(&decoded.picture));
+        // Division by a flat field would hide this clip level.
+        let level_found = decoded.full_scale.or_else(|| repeated_maximum(decoded.picture.rgb.as_slice()));
         decoded.full_scale = flatten(&mut decoded.picture, flat, reading, level_found)?;
     }
     if decoded.encoding == Encoding::LinearFloat {
@@ -252,14 +251,6 @@ fn single(
     warnings.extend(scene_warnings(path, &options, &decoded));
     let Decoded { picture, full_scale, input, .. } = decoded;
     Ok(Photograph { picture, clip: full_scale, bracket: None, space: Some(input) })
-}
-
-/// Returns the maximum value if at least [`CLIPPED_PIXELS`] pixels share it. Division by a flat
-/// field would hide this clip level.
-fn repeated_maximum(picture: &Picture) -> Option<f32> {
-    let values = || picture.rgb.as_slice().iter().filter(|v| v.is_finite()).map(|v| v.max_element());
-    let largest = values().fold(0.0, f32::max);
-    (largest > 0.0 && values().filter(|v| *v == largest).count() >= CLIPPED_PIXELS).then_some(largest)
 }
 
 fn check_black(code: f64, max: f64) -> Result<(), AppError> {

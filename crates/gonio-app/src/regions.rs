@@ -10,7 +10,7 @@ use gonio::scene::{Circle, Object, Observations, outline_of_ball, separate_balls
 use gonio_io::picture::{ReadOptions, encode_png};
 use gonio_io::result::{self, REGIONS_FORMAT, RegionEntry, RegionsDocument, VERSION};
 use gonio_report::combined::{Shown, side_by_side};
-use gonio_report::regions::{Row, outlined, page};
+use gonio_report::regions::{outlined, page};
 
 use crate::answer::{InferenceContext, InferenceResult, MethodResult, assemble, of_one, solve};
 use crate::mask::disk_of;
@@ -303,10 +303,9 @@ impl RegionsResult {
         settings: &Settings<'_>,
     ) -> Self {
         let warnings: Vec<String> = warnings.iter().map(|warning| warning.worded(settings.words)).collect();
-        let verdict = |region: &Region| region.result.material.as_ref().map(Material::verdict);
         let entry = |region: &Region| RegionEntry {
             name: region.name.clone(),
-            verdict: verdict(region),
+            verdict: region.result.material.as_ref().map(Material::verdict),
             folder: region.name.clone(),
             relative_albedo: region.relative_albedo,
             roughness: region.result.material.as_ref().map(|material| material.highlight.roughness().into()),
@@ -335,23 +334,10 @@ impl RegionsResult {
             side_by_side((&map, "regions"), &spheres, &colours, &format!("{image} | {} materials", spheres.len()))
         });
         let page = overview.as_ref().filter(|_| settings.report).map(|overview| {
-            let rows: Vec<Row> = regions
-                .iter()
-                .map(|region| Row {
-                    name: region.name.clone(),
-                    verdict: verdict(region),
-                    nearest: region
-                        .result
-                        .material
-                        .as_ref()
-                        .and_then(|m| m.posterior.neighbours.first())
-                        .map(|n| n.name.clone()),
-                    relative_albedo: region.relative_albedo,
-                    misfit: region.result.residual.1,
-                    warnings: region.result.warnings.clone(),
-                })
-                .collect();
-            page(image, overview, &rows)
+            let material =
+                |region: &Region| Some(region.result.material.as_ref()?.posterior.neighbours.first()?.name.clone());
+            let nearest: Vec<Option<String>> = regions.iter().map(material).collect();
+            page(image, overview, &document.regions, &nearest)
         });
         Self { regions, document, overview, page }
     }

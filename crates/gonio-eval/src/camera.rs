@@ -78,9 +78,8 @@ pub(crate) fn run(data: &Path, options: &CameraOptions) -> Result<()> {
         Protocol::LeaveOut.training(&materials).into_iter().map(luminance).collect();
     let lit = Lights::training(data)?;
     let learnt = load_or_train(&cache, &training, &lit, &lit.names(), &options.effort.learning())?;
-    let mut subjects: Vec<(String, BivariateTable)> = materials.held_out().into_iter().map(luminance).collect();
-    subjects.iter_mut().for_each(|(_, table)| table.extend_from_trusted());
-    let subjects: Vec<BivariateTable> = subjects.into_iter().map(|(_, table)| table).collect();
+    let subjects: Vec<BivariateTable> =
+        materials.extrapolated(materials.held_out()).into_iter().map(|(_, table)| table).collect();
     let lights = Lights::open(data)?;
     let renderer = SceneRenderer::new();
     let judge = Judge::new(options, &lights, &subjects)?;

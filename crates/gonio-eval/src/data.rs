@@ -6,7 +6,11 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail};
 use gonio::lighting::EnvironmentMap;
 use gonio::model::Model;
-use gonio::render::LightTree;
+use gonio::reflectance::BivariateTable;
+use gonio::render::{LightTree, Relighter};
+use gonio::shape::SurfacePoint;
+
+use crate::bench::ACCURACY;
 
 /// Option for the model of a measurement.
 #[derive(clap::Args)]
@@ -86,5 +90,15 @@ impl Lights {
     /// The light as a tree, to render in.
     pub(crate) fn tree(&self, name: &str) -> Result<LightTree> {
         Ok(LightTree::of_map(&self.map(name)?))
+    }
+
+    /// Operators that relight points of these materials in lights, accurate to [`ACCURACY`].
+    pub(crate) fn relighters(
+        &self,
+        names: &[String],
+        points: &[SurfacePoint],
+        tables: &[BivariateTable],
+    ) -> Result<Vec<Relighter>> {
+        names.iter().map(|name| Ok(Relighter::new(points, tables, &self.tree(name)?, &ACCURACY))).collect()
     }
 }

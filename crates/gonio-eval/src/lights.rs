@@ -127,15 +127,7 @@ pub(crate) fn run(data: &Path, options: &LightsOptions) -> Result<()> {
 /// the sharpest.
 fn training(all: &Materials) -> Vec<(String, BivariateTable)> {
     let held_out = all.held_out();
-    let mut materials: Vec<(String, BivariateTable)> = all
-        .database()
-        .filter(|at| !held_out.contains(at))
-        .map(|at| {
-            let mut table = all.luminance(at);
-            table.extend_from_trusted();
-            (all.names[at].clone(), table)
-        })
-        .collect();
+    let mut materials = all.extrapolated(all.database().filter(|at| !held_out.contains(at)));
     materials.sort_by(|a, b| peak_to_body(&a.1).total_cmp(&peak_to_body(&b.1)));
     materials
 }

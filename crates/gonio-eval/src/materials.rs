@@ -144,6 +144,16 @@ impl Materials {
         BivariateTable::luminance(&self.rgb[at])
     }
 
+    /// Name and luminance of materials, extrapolated beyond the trusted cells as in the training.
+    pub(crate) fn extrapolated(&self, materials: impl IntoIterator<Item = usize>) -> Vec<(String, BivariateTable)> {
+        let named = |at: usize| {
+            let mut table = self.luminance(at);
+            table.extend_from_trusted();
+            (self.names[at].clone(), table)
+        };
+        materials.into_iter().map(named).collect()
+    }
+
     /// Kind of the table that [`Self::full`] returns for a material.
     pub(crate) fn source(&self, at: usize) -> Source {
         if matches!(self.origins[at], Origin::Bivariate) { Source::Bivariate } else { Source::Full }

@@ -156,12 +156,8 @@ pub(crate) fn run(data: &Path, options: &MultiViewOptions) -> Result<()> {
     let model = options.model.read()?;
     let lights = Lights::open(data)?;
     let maps: Vec<EnvironmentMap> = options.lights.iter().map(|name| lights.map(name)).collect::<Result<_>>()?;
-    let mut materials = crate::out_of_domain::rgl_tables(&data.join("rgl"))?;
-    let grey = |table: BivariateTable| [table.clone(), table.clone(), table];
-    let formulas = crate::out_of_domain::formulas();
-    materials.extend(formulas.into_iter().map(|(name, formula)| (name.to_owned(), grey(formula.to_bivariate()))));
     let mut all = Vec::new();
-    for (name, rgb) in materials {
+    for (name, rgb) in crate::out_of_domain::tables(data)? {
         let photographs = maps.iter().map(|map| photograph(&rgb, map)).collect::<Result<_>>()?;
         all.push(PhotographedMaterial { name, truth: BivariateTable::luminance(&rgb), rgb, photographs });
     }

@@ -41,6 +41,14 @@ pub(crate) fn rgl_tables(folder: &Path) -> Result<Vec<(String, [BivariateTable; 
     rgl_files(folder)?.into_iter().map(read).collect()
 }
 
+/// Reads red, green and blue of the files of `DATA/rgl`, and of the formulas, which are grey.
+pub(crate) fn tables(data: &Path) -> Result<Vec<(String, [BivariateTable; 3])>> {
+    let mut tables = rgl_tables(&data.join("rgl"))?;
+    let grey = |table: BivariateTable| [table.clone(), table.clone(), table];
+    tables.extend(formulas().into_iter().map(|(name, formula)| (name.to_owned(), grey(formula.to_bivariate()))));
+    Ok(tables)
+}
+
 /// A grey material given by a formula. Its `Debug` output contains all its parameters.
 pub(crate) trait Formula: Parametric + Debug + Send {}
 

@@ -72,10 +72,6 @@ pub(crate) fn run(data: &Path, options: &ScalesOptions) -> Result<()> {
 
 /// Materials outside of the MERL database, in luminance.
 fn materials(data: &Path) -> Result<Vec<(String, BivariateTable)>> {
-    let measured = crate::out_of_domain::rgl_tables(&data.join("rgl"))?;
-    let mut materials: Vec<(String, BivariateTable)> =
-        measured.into_iter().map(|(name, rgb)| (name, BivariateTable::luminance(&rgb))).collect();
-    let formulas = crate::out_of_domain::formulas();
-    materials.extend(formulas.into_iter().map(|(name, formula)| (name.to_owned(), formula.to_bivariate())));
-    Ok(materials)
+    let materials = crate::out_of_domain::tables(data)?;
+    Ok(materials.into_iter().map(|(name, rgb)| (name, BivariateTable::luminance(&rgb))).collect())
 }

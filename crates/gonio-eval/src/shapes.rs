@@ -109,20 +109,10 @@ pub(crate) fn run(data: &Path, options: &ShapesOptions) -> Result<()> {
     let prior = gonio_io::model::embedded()?.light;
     let lights = Lights::open(data)?;
     let wanted = materials.held_out().into_iter().step_by(usize::from(options.every));
-    let subjects: Vec<(String, BivariateTable)> = wanted
-        .map(|at| {
-            let mut table = materials.luminance(at);
-            table.extend_from_trusted();
-            (materials.names[at].clone(), table)
-        })
-        .collect();
+    let subjects = materials.extrapolated(wanted);
     let tables: Vec<BivariateTable> = subjects.iter().map(|(_, table)| table.clone()).collect();
     let stage = TestSphere::new(64);
-    let relit: Vec<Relighter> = options
-        .relit
-        .iter()
-        .map(|name| Ok(Relighter::new(&stage.points, &tables, &lights.tree(name)?, &ACCURACY)))
-        .collect::<Result<_>>()?;
+    let relit = lights.relighters(&options.relit, &stage.points, &tables)?;
     std::fs::create_dir_all(&options.out).with_context(|| options.out.display().to_string())?;
     let study = Study { learnt: &learnt, prior: &prior, stage: &stage, relit: &relit, subjects: &subjects };
     let progress = Progress::new("photographs", options.shapes.len() * options.lights.len() * subjects.len());

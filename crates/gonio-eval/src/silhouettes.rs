@@ -16,14 +16,14 @@ use gonio::estimate::{Estimate, EstimateSettings, NORMAL_REFINEMENT_MISFIT, esti
 use gonio::model::Model;
 use gonio::picture::{Picture, Plane};
 use gonio::reflectance::BivariateTable;
-use gonio::render::{LightTree, Relighter, SurfaceSettings, render_surfaces};
+use gonio::render::{LightTree, SurfaceSettings, render_surfaces};
 use gonio::scene::{Detection, NormalPicture, Object, ObservationSettings};
 use gonio::shape::{BuiltInShape, GeometryBuffer, Mesh, MeshParts, PosedSurface};
 use gonio::simulation::generator;
 use rand::{Rng, RngExt};
 use rand_distr::{Distribution, StandardNormal};
 
-use crate::bench::{ACCURACY, Progress, TestSphere};
+use crate::bench::{Progress, TestSphere};
 use crate::data::{Lights, ModelOption};
 use crate::materials::Materials;
 use crate::metrics::{coverage, mean, median};
@@ -207,21 +207,10 @@ pub(crate) fn run(data: &Path, options: &SilhouettesOptions) -> Result<()> {
     let relit_lights = Lights::open(data)?;
     let model = options.model.read()?;
     let range = if options.training { materials.database() } else { materials.out_of_domain() };
-    let subjects: Vec<(String, BivariateTable)> = range
-        .step_by(usize::from(options.every))
-        .map(|at| {
-            let mut table = materials.luminance(at);
-            table.extend_from_trusted();
-            (materials.names[at].clone(), table)
-        })
-        .collect();
+    let subjects = materials.extrapolated(range.step_by(usize::from(options.every)));
     let tables: Vec<BivariateTable> = subjects.iter().map(|(_, table)| table.clone()).collect();
     let stage = TestSphere::new(64);
-    let relit: Vec<Relighter> = options
-        .relit
-        .iter()
-        .map(|name| Ok(Relighter::new(&stage.points, &tables, &relit_lights.tree(name)?, &ACCURACY)))
-        .collect::<Result<_>>()?;
+    let relit = relit_lights.relighters(&options.relit, &stage.points, &tables)?;
     let errors = |made: &BivariateTable, truth: &BivariateTable| stage.mean_errors(&relit, made, truth);
     std::fs::create_dir_all(&options.out).with_context(|| options.out.display().to_string())?;
     let progress = Progress::new("photographs", options.shapes.len() * options.lights.len() * subjects.len());

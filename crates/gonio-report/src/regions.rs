@@ -3,6 +3,7 @@
 use glam::Vec3;
 use gonio::picture::{Picture, Plane};
 use gonio::render::Exposure;
+use gonio_io::result::RegionEntry;
 use maud::html;
 
 use crate::page::figure::picture as embedded;
@@ -50,26 +51,12 @@ pub fn outlined(photograph: &Picture, masks: &[&Plane<f32>]) -> (Plane<Vec3>, Ve
     (resize(&drawn, (PANEL * width).div_ceil(height).max(1), PANEL), colours)
 }
 
-/// A row of the table of regions.
-pub struct Row {
-    /// Name of the region, which is that of its folder.
-    pub name: String,
-    /// Finish, roughness and certainty in one line.
-    pub verdict: Option<String>,
-    /// Measured material with the most similar highlight.
-    pub nearest: Option<String>,
-    /// Its albedo relative to that of the brightest region.
-    pub relative_albedo: Option<f64>,
-    /// Relative residual.
-    pub misfit: f64,
-    /// Warnings.
-    pub warnings: Vec<String>,
-}
-
 /// Renders the page of all regions, with links to the report of each region.
-pub fn page(image: &str, overview: &Plane<Vec3>, rows: &[Row]) -> String {
+///
+/// `nearest` is, for each region, the measured material with the most similar highlight.
+pub fn page(image: &str, overview: &Plane<Vec3>, regions: &[RegionEntry], nearest: &[Option<String>]) -> String {
     let lead = html! {
-        p { (rows.len()) " materials in " (image) ". Each name links to the report of the region." }
+        p { (regions.len()) " materials in " (image) ". Each name links to the report of the region." }
         (embedded(overview, "The regions of the photograph, and a sphere of each material."))
     };
     let body = html! {
@@ -78,21 +65,21 @@ pub fn page(image: &str, overview: &Plane<Vec3>, rows: &[Row]) -> String {
                 tr { th { "region" } th { "finish (90 % interval of the roughness)" } th { "albedo relative to the brightest region" } th { "misfit" } th { "most similar highlight (not colour)" } }
             }
             tbody {
-                @for row in rows {
+                @for (region, nearest) in regions.iter().zip(nearest) {
                     tr {
-                        th { a href={ "./" (row.name) "/report.html" } { (row.name) } }
-                        td { (row.verdict.as_deref().unwrap_or("")) }
+                        th { a href={ "./" (region.name) "/report.html" } { (region.name) } }
+                        td { (region.verdict.as_deref().unwrap_or("")) }
                         td {
-                            @if let Some(albedo) = row.relative_albedo { (format!("{albedo:.2}")) }
+                            @if let Some(albedo) = region.relative_albedo { (format!("{albedo:.2}")) }
                         }
-                        td { (format!("{:.1} %", 100.0 * row.misfit)) }
-                        td { (row.nearest.as_deref().unwrap_or("")) }
+                        td { (format!("{:.1} %", 100.0 * region.misfit)) }
+                        td { (nearest.as_deref().unwrap_or("")) }
                     }
                 }
             }
         }
-        @for row in rows {
-            @for warning in &row.warnings { p { b { (row.name) ": " } (warning) } }
+        @for region in regions {
+            @for warning in &region.warnings { p { b { (region.name) ": " } (warning) } }
         }
     };
     let sections = [Section { id: "regions".into(), title: "Regions".into(), body }];
@@ -105,16 +92,15 @@ mod tests {
 
     #[test]
     fn names_are_escaped_and_linked() {
-        let row = Row {
+        let region = RegionEntry {
             name: "a<b".into(),
             verdict: Some("gloss: roughness 0.20 (0.10 to 0.30)".into()),
-            nearest: Some("brass".into()),
             relative_albedo: Some(0.5),
-            misfit: 0.05,
-            warnings: vec!["odd".into()],
+            ..RegionEntry::default()
         };
-        let page = page("x.exr", &Plane::from_fn(8, 8, |_, _| Vec3::ZERO), &[row]);
-        assert!(page.contains("a&lt;b/report.html") && page.contains("0.20 (0.10 to 0.30)") && page.contains("0.50"));
+        let page = page("x.exr", &Plane::from_fn(8, 8, |_, _| Vec3::ZERO), &[region], &[Some("brass".into())]);
+        assert!(page.contains("a&lt;b/report.html") && page.contains("0.20 (0.10 to 0.30)"));
+        assert!(page.contains("0.50") && page.contains("brass"));
     }
 
     #[test]

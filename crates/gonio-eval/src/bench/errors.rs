@@ -11,7 +11,7 @@ use gonio::render::Relighter;
 use serde::{Deserialize, Serialize};
 
 use super::estimators::{Estimate, Estimator, Report};
-use super::grid::{Protocol, Unit};
+use super::grid::{Protocol, Unit, id};
 use super::renders::Render;
 use super::test_sphere::TestSphere;
 use crate::colour::picture;
@@ -118,7 +118,7 @@ impl Record {
 
 /// Path of a record's file, relative to the folder of cells.
 pub(crate) fn file(protocol: Protocol, material: &str, light: &str, estimator: Estimator) -> String {
-    format!("{}/{material}/{light}/{}.json", protocol.id(), estimator.id())
+    format!("{}/{material}/{light}/{}.json", id(&protocol), id(&estimator))
 }
 
 /// Ground truth that estimates from one photograph are compared with.

@@ -5,6 +5,11 @@ use serde::{Deserialize, Serialize};
 
 use crate::materials::Materials;
 
+/// Returns the name of a choice in files and on the command line.
+pub(crate) fn id(choice: &impl clap::ValueEnum) -> String {
+    choice.to_possible_value().expect("no choice is hidden").get_name().to_owned()
+}
+
 /// Materials that basis, prior and starts are learnt from, and materials that are tested.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
@@ -19,15 +24,6 @@ pub(crate) enum Protocol {
 }
 
 impl Protocol {
-    /// Name in folders and on the command line.
-    pub(crate) fn id(self) -> &'static str {
-        match self {
-            Self::All => "all",
-            Self::LeaveOut => "leave-out",
-            Self::OutOfDomain => "out-of-domain",
-        }
-    }
-
     /// Title for readers.
     pub(crate) fn title(self) -> &'static str {
         match self {

@@ -17,7 +17,7 @@ mod store;
 mod summary;
 mod test_sphere;
 
-pub(crate) use grid::Protocol;
+pub(crate) use grid::{Protocol, id};
 pub(crate) use options::BenchOptions;
 pub(crate) use progress::Progress;
 #[cfg(test)]

@@ -20,7 +20,7 @@ use gonio::shape::SurfacePoint;
 
 use super::errors::{GroundTruth, encoded};
 use super::estimators::{Estimator, Lit, Photograph};
-use super::grid::{Protocol, Unit, relight_lights, units};
+use super::grid::{Protocol, Unit, id, relight_lights, units};
 use super::learning::{LearntModels, MaterialSpace};
 use super::options::BenchOptions;
 use super::progress::Progress;
@@ -126,7 +126,8 @@ impl Bench {
             let (material, light) =
                 (&self.fingerprints.materials[&unit.material], &self.fingerprints.lights[&unit.light]);
             let keyed = estimators.iter().map(|&estimator| {
-                let parts = [&conditions, &all_materials, unit.protocol.id(), material, light, estimator.id()];
+                let (protocol, name) = (id(&unit.protocol), id(&estimator));
+                let parts = [&conditions, &all_materials, &protocol, material, light, &name].map(String::as_str);
                 (estimator, blake3::hash(parts.join("\n").as_bytes()).to_hex().to_string())
             });
             keyed.filter(|(e, key)| !self.store.has(unit.protocol, name, &unit.light, *e, key)).collect()

@@ -23,7 +23,7 @@ use gonio::scene::{ObservationSettings, Observations, sphere_points};
 use gonio::shape::SurfacePoint;
 use gonio::sphere::OctahedralMap;
 
-use crate::bench::{DRAFT, Progress};
+use crate::bench::{DRAFT, Progress, id};
 use crate::cache::Cache;
 use crate::data::{Lights, ModelOption};
 use crate::metrics::{luminances, mean, median, relight, relight_rgb};
@@ -270,7 +270,7 @@ fn csv(records: &[Record]) -> String {
     for r in records {
         let cells = r.cells.map(|share| format!("{share:.3}")).unwrap_or_default();
         let inside = r.inside.map(|inside| inside.iter().filter(|x| **x).count().to_string()).unwrap_or_default();
-        let name = r.estimator.to_possible_value().map(|v| v.get_name().to_owned()).unwrap_or_default();
+        let name = id(&r.estimator);
         let _ = writeln!(
             out,
             "{},{},{},{name},{:.4},{:.4},{:.4},{:.4},{:.4},{cells},{inside},{}",
@@ -307,7 +307,7 @@ fn summary(records: &[Record], estimators: &[ColourEstimator]) -> String {
             };
             let cells = percent(rows.iter().filter_map(|r| r.cells).collect());
             let inside = rows.iter().filter_map(|r| r.inside).flatten().map(|x| f64::from(u8::from(x)));
-            let name = estimator.to_possible_value().map(|v| v.get_name().to_owned()).unwrap_or_default();
+            let name = id(&estimator);
             let _ = writeln!(
                 out,
                 "| {name} | {:.3} | {:.3} | {:.2} ({:.2}) | {:.2} | {:.2} | {cells} | {} |",

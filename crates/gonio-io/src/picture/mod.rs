@@ -61,7 +61,7 @@ pub(crate) use layers::{Selection, groups};
 pub use mask::read_mask;
 pub use response::{decode_response, encode_response, read_response};
 pub use shot::ExposureSettings;
-pub use space::{InputSpace, SpaceSource};
+pub use space::{InputSpace, SpaceSource, repeated_maximum};
 pub use write::{
     ExrOptions, encode_exr, encode_exr_in, encode_exr_layers, encode_exr_with, encode_hdr, encode_pfm, encode_png,
     encode_png_signed, encode_png_srgb8, is_signed,

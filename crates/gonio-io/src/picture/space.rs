@@ -205,8 +205,9 @@ fn raise(colour: &mut Vec3, level: f32) {
     }
 }
 
-/// Returns the largest value if at least [`CLIPPED_PIXELS`] pixels share it.
-fn repeated_maximum(pixels: &[Vec3]) -> Option<f32> {
+/// Returns the largest channel of all pixels if at least twelve of them have it, which indicates
+/// clipping.
+pub fn repeated_maximum(pixels: &[Vec3]) -> Option<f32> {
     let values = || pixels.iter().map(|v| v.max_element()).filter(|v| v.is_finite());
     let largest = values().fold(0.0, f32::max);
     (largest > 0.0 && values().filter(|v| *v == largest).count() >= CLIPPED_PIXELS).then_some(largest)

@@ -10,6 +10,7 @@ use anyhow::Result;
 use serde::Serialize;
 
 use super::errors::{Record, Records};
+use super::grid::id;
 use super::store::Conditions;
 use super::summary::{Summary, summaries};
 use crate::metrics::Class;
@@ -38,11 +39,11 @@ fn csv(records: &Records) -> String {
     for r in records.values() {
         let number = |x: Option<f64>| x.map_or(String::new(), |x| format!("{x:.6}"));
         let cells = [
-            r.protocol.id().to_owned(),
+            id(&r.protocol),
             r.material.clone(),
             r.gloss.map_or("", |g| Class::of(&g[1]).title()).to_owned(),
             r.light.clone(),
-            r.estimator.id().to_owned(),
+            id(&r.estimator),
             number(Some(r.relative())),
             number(Some(r.log())),
             number(Some(r.rgb(|errors| errors.estimate))),

@@ -5,6 +5,7 @@ use maud::{Markup, html};
 use super::pictures;
 use crate::bench::errors::{Record, Records};
 use crate::bench::estimators::Estimator;
+use crate::bench::id;
 use crate::bench::store::Conditions;
 use crate::bench::summary::{Group, Row, Summary};
 use crate::metrics::{Class, Interval};
@@ -117,7 +118,7 @@ fn section(summary: &Summary, records: &Records) -> Section {
         h3 { "Every material" }
         (pictures::strips(&mine))
     };
-    Section { id: summary.protocol.id().to_owned(), title: summary.protocol.title().to_owned(), body }
+    Section { id: id(&summary.protocol), title: summary.protocol.title().to_owned(), body }
 }
 
 fn estimators(summary: &Summary) -> Markup {

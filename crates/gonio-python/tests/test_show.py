@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import gonio
+from conftest import small_ball
 
 
 class Balanced(HTMLParser):
@@ -89,8 +90,9 @@ def test_result_folders_contain_all_files(found, tmp_path):
     found.save(tmp_path / "a" / "ball")
 
 
-def test_two_paints_have_a_map_of_albedo(small, tmp_path):
-    size = small.shape[0]
+def test_two_paints_have_a_map_of_albedo(tmp_path):
+    size = 72
+    small = small_ball(size)
     stripes = np.where(np.arange(size) // (size // 6) % 2, 1.0, 0.2)[:, None, None]
     matte = np.where(small[:, :, 3:] > 0, np.sqrt(np.clip(1 - np.mgrid[-1 : 1 : size * 1j, -1 : 1 : size * 1j] ** 2, 0, 1)).prod(0)[..., None], 0)
     plain, striped = (np.concatenate([np.repeat(ball, 3, 2), small[:, :, 3:]], 2).astype(np.float32) for ball in (matte, matte * stripes))

@@ -334,9 +334,9 @@ impl RegionsResult {
             side_by_side((&map, "regions"), &spheres, &colours, &format!("{image} | {} materials", spheres.len()))
         });
         let page = overview.as_ref().filter(|_| settings.report).map(|overview| {
-            let material =
+            let name =
                 |region: &Region| Some(region.result.material.as_ref()?.posterior.neighbours.first()?.name.clone());
-            let nearest: Vec<Option<String>> = regions.iter().map(material).collect();
+            let nearest: Vec<Option<String>> = regions.iter().map(name).collect();
             page(image, overview, &document.regions, &nearest)
         });
         Self { regions, document, overview, page }

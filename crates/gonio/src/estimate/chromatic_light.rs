@@ -300,8 +300,8 @@ impl Images {
     }
 }
 
-/// Scales a colour to the luminance of another, so that the tints, which preserve the luminance, do
-/// not explain its misfit.
+/// Scales a colour to the luminance of another. The tints preserve the luminance, so they must not
+/// explain a misfit of it.
 fn at_luminance_of(colour: DVec3, other: DVec3) -> DVec3 {
     let luminance = |c: DVec3| f64::from(luminance(c.as_vec3())).max(0.0);
     let (have, want) = (luminance(colour), luminance(other));

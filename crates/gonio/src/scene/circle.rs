@@ -21,9 +21,11 @@ const MIN_ASPECT: f64 = 0.95;
 /// Largest share of the outline that may lie far off the circle (a stand, a finger).
 const MAX_STRAY: f64 = 0.3;
 /// The same share of a ball that a straight edge hides up to its middle: 2 / (2 + pi), rounded up.
-/// The rest of its outline must be a circle within half a pixel and this share of the radius.
 const MAX_HIDDEN: f64 = 0.4;
-const MAX_SPREAD_OF_ARCS: f64 = 0.01;
+/// Largest deviation of an outline from a circle, as a share of the radius, besides half a pixel.
+const MAX_SPREAD: f64 = 0.03;
+/// The same share for a ball that a straight edge hides in part.
+const MAX_HIDDEN_SPREAD: f64 = 0.01;
 
 /// Outline of a ball and its deviation from a circle.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -75,8 +77,8 @@ pub(crate) fn find_sphere(coverage: &Plane<f32>) -> Result<DetectedCircle, Scene
         fit.spread <= 0.5 + spread * fit.circle.radius
             && (rim.len() - fit.near.len()) as f64 <= stray * rim.len() as f64
     };
-    let mut accepted = is_good(&fit, MAX_STRAY, 0.03);
-    if !accepted && let Some(arc) = fit_arc(&rim).filter(|arc| is_good(arc, MAX_HIDDEN, MAX_SPREAD_OF_ARCS)) {
+    let mut accepted = is_good(&fit, MAX_STRAY, MAX_SPREAD);
+    if !accepted && let Some(arc) = fit_arc(&rim).filter(|arc| is_good(arc, MAX_HIDDEN, MAX_HIDDEN_SPREAD)) {
         (fit, accepted) = (arc, true);
     }
     let circle = fit.circle;
@@ -261,11 +263,11 @@ mod tests {
 
     #[test]
     fn finds_balls_that_an_object_in_front_hides_in_part() {
-        for (x, y, turn) in [(1.0, 0.0, 0.0), (1.0, 0.0, 0.3), (0.0, 1.0, 0.5), (0.6, -0.8, 0.1)] {
-            // Hides what is further than `turn` radii along a direction.
+        for (x, y, depth) in [(1.0, 0.0, 0.0), (1.0, 0.0, 0.3), (0.0, 1.0, 0.5), (0.6, -0.8, 0.1)] {
+            // Hides what lies beyond `depth` radii along a direction.
             let whole = ellipse((128, 128), (64.0, 64.0), (50.0, 50.0), true);
             let along = |at: (usize, usize)| (at.0 as f64 + 0.5 - 64.0) * x + (at.1 as f64 + 0.5 - 64.0) * y;
-            let mask = Plane::from_fn(128, 128, |x, y| if along((x, y)) > 50.0 * turn { 0.0 } else { whole[(x, y)] });
+            let mask = Plane::from_fn(128, 128, |x, y| if along((x, y)) > 50.0 * depth { 0.0 } else { whole[(x, y)] });
             check(&mask, (64.0, 64.0), 50.0, 0.3);
         }
         // A tenth of the ball is too little.

@@ -134,6 +134,20 @@ fn recovers_the_colours_of_the_light_and_keeps_its_luminance() {
 }
 
 #[test]
+fn a_wrong_luminance_does_not_tint_the_light() {
+    let (true_light, any) = (planted(|_| [0.0, 0.0]), planted(natural));
+    let observed = photograph(&table(), &ChromaField::GREY, &true_light, 0.0);
+    // Twice as bright everywhere but in the lamps.
+    let texels = true_light.texels().iter().map(|t| if t.y > 4.0 { *t } else { 2.0 * *t }).collect();
+    let wrong = LightGrid::from_texels(MAP, FINE, texels);
+    let furthest = |grid: &LightGrid| {
+        grid.texels().iter().map(|t| Chroma::of(t.as_dvec3()).distance(Chroma::default())).fold(0.0, f64::max)
+    };
+    let got = tint(&observed, &ChromaField::GREY, &wrong);
+    assert!(furthest(&got.grid) < 1e-3 && furthest(&any) > 0.3, "{}", furthest(&got.grid));
+}
+
+#[test]
 fn warns_about_wrong_colours_but_not_about_noise() {
     let light = planted(natural);
     let observed = photograph(&table(), &green(), &light, 0.0);

@@ -15,7 +15,7 @@ use gonio_report::page::{Section, document, figure, table};
 /// Headings of the table of estimators.
 pub(super) const COLUMNS: [&str; 11] = [
     "estimator",
-    "cells",
+    "photographs",
     "relight",
     "log relight",
     "RGB relight",

@@ -3,26 +3,27 @@
 //! Measurements are folders of files or data in memory. Each function returns the trained part and
 //! a note on its origin, which is stored in the file.
 
-use std::cell::Cell;
+mod posterior;
+
 use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
 
 use gonio::colour::ColourModel;
 use gonio::inference::learnt::LearntPosterior;
 use gonio::lighting::{EnvironmentMap, LightGrid, LightPrior, PriorSettings};
 use gonio::model::{Model, ModelError};
-use gonio::reflectance::{BivariateTable, Dictionary, DictionarySettings, LogBasis, ReflectanceBasis};
-use gonio::simulation::{ColourStock, ScenePool, ScenePoolSettings};
+use gonio::reflectance::{BivariateTable, ReflectanceBasis};
+use gonio::simulation::ColourPool;
 use gonio::sphere::OctahedralMap;
 use gonio_paper::nmf::NmfSettings;
 use gonio_paper::training::{TrainReport, TrainSettings, train};
+use gonio_train::TrainError;
 pub use gonio_train::TrainingLosses;
-use gonio_train::{Checkpoint, Monitor, TrainError, TrainingSettings, learn};
+pub use posterior::{PosteriorSettings, Resumption, initial, posterior};
 use rayon::prelude::*;
 use thiserror::Error;
 
 use gonio_io::folder::files;
-use gonio_io::model::{decode_arrays, embedded, encode_arrays};
+use gonio_io::model::embedded;
 use gonio_io::picture::ReadOptions;
 use gonio_io::{Error, bivariate, brdf};
 
@@ -69,8 +70,8 @@ pub enum Lights {
 /// Measured materials.
 #[derive(Clone, Debug)]
 pub enum Materials {
-    /// Folder of `.binary` (MERL) and `_rgb.bsdf` (RGL) files, or of `bivariate_rgb_f32.npy` and
-    /// `materials.txt`.
+    /// Folder of `.binary` (MERL), `_rgb.bsdf` (RGL) and `.mbsdf` (MDL) files, or of
+    /// `bivariate_rgb_f32.npy` and `materials.txt`.
     Folder(PathBuf),
     /// Names and tables in memory.
     Tables(Vec<(String, [BivariateTable; 3])>),
@@ -112,16 +113,16 @@ pub struct LightingSettings {
     /// Number of equally spaced rotations about the vertical axis at which each map is used. An
     /// even number includes 180 degrees, which gives the horizontal and vertical wavelets of a
     /// scale equal statistics.
-    pub rotations: usize,
+    pub turns: usize,
     /// Radiance at which each map is clipped, in units of its mean; `None` does not clip.
-    pub max_radiance: Option<f64>,
+    pub cap: Option<f64>,
     /// Seed of the random starts of the fits.
     pub seed: u64,
 }
 
 impl Default for LightingSettings {
     fn default() -> Self {
-        Self { grid: 128, map: OctahedralMap::EqualArea, rotations: 1, max_radiance: None, seed: 1 }
+        Self { grid: 128, map: OctahedralMap::EqualArea, turns: 1, cap: None, seed: 1 }
     }
 }
 
@@ -144,35 +145,6 @@ impl Default for ReflectanceSettings {
     }
 }
 
-/// Settings for training the posterior of materials.
-#[derive(Clone, Debug)]
-pub struct PosteriorSettings {
-    /// Channel of the measured BRDFs.
-    pub channel: Channel,
-    /// Number of views of lights in each group of simulated scenes.
-    pub views: usize,
-    /// Number of materials in each group.
-    pub draws: usize,
-    /// Number of training steps, each on 128 simulated photographs.
-    pub steps: usize,
-    /// Interval `n` of the lights that are left out: every n-th light is only tested with. `None`
-    /// trains on all lights.
-    pub leave_out: Option<usize>,
-    /// Posterior whose network initialises the training, and the note on its origin; `None` begins
-    /// with random weights.
-    pub initial: Option<(LearntPosterior, String)>,
-    /// Seed of all random numbers.
-    pub seed: u64,
-}
-
-impl Default for PosteriorSettings {
-    fn default() -> Self {
-        let (stock, training) = (ScenePoolSettings::default(), TrainingSettings::default());
-        let (views, draws, steps) = (stock.views, stock.draws, training.steps);
-        Self { channel: Channel::Luminance, views, draws, steps, leave_out: None, initial: None, seed: 1 }
-    }
-}
-
 /// Trains the prior of light.
 ///
 /// # Errors
@@ -183,7 +155,7 @@ pub fn lighting(
     settings: &LightingSettings,
     progress: Progress<'_>,
 ) -> Result<(LightPrior, String), TrainingError> {
-    let LightingSettings { grid, map, rotations: turns, max_radiance: cap, seed } = *settings;
+    let LightingSettings { grid, map, turns, cap, seed } = *settings;
     if !grid.is_power_of_two() || !(8..=512).contains(&grid) {
         return Err(TrainingError::Setting(format!("grid {grid}: must be a power of two from 8 to 512")));
     }
@@ -242,117 +214,6 @@ pub fn reflectance(
     Ok((basis, report, provenance))
 }
 
-/// Checkpoint to resume from, and the callback that stores new checkpoints.
-pub struct Resumption<'a> {
-    /// Checkpoint to continue from: the file's bytes, and its path for messages.
-    pub start: Option<(&'a Path, Vec<u8>)>,
-    /// Called every few minutes with the bytes of a checkpoint.
-    pub keep: &'a dyn Fn(Vec<u8>),
-}
-
-/// Interval between checkpoints.
-const CHECKPOINT_INTERVAL: Duration = Duration::from_secs(300);
-
-/// Factor of the learning rate in a training that begins with a trained network: large steps would
-/// undo the earlier training.
-const INITIAL_RATE_FACTOR: f64 = 0.5;
-
-/// Rows to which larger environment maps are reduced: finer than any cell of the disk of normals.
-const LIGHT_ROWS: usize = 512;
-
-/// Trains the posterior of materials on lights and materials.
-///
-/// # Errors
-/// If there are no lights or no materials, one cannot be read, or the checkpoint is damaged or from
-/// other settings.
-pub fn posterior(
-    lights: &Lights,
-    materials: &[Materials],
-    settings: &PosteriorSettings,
-    resumption: Resumption<'_>,
-    progress: Progress<'_>,
-) -> Result<(LearntPosterior, TrainingLosses, String), TrainingError> {
-    let PosteriorSettings { channel, views, draws, steps, leave_out, ref initial, seed } = *settings;
-    for (name, value) in [("views", views), ("draws", draws), ("steps", steps)] {
-        if value == 0 {
-            return Err(TrainingError::Setting(format!("{name} 0: must be at least 1")));
-        }
-    }
-    if leave_out.is_some_and(|every| every < 2) {
-        return Err(TrainingError::Setting("leave-out: must be at least 2".into()));
-    }
-    let mut tables = Vec::new();
-    for some in materials {
-        tables.extend(some.channel(channel, progress)?);
-    }
-    if tables.is_empty() {
-        let names: Vec<String> = materials.iter().map(Materials::name).collect();
-        return Err(TrainingError::Data(names.join(", "), "contains no materials".into()));
-    }
-    let (mut maps, mut tested) = (Vec::new(), Vec::new());
-    lights.each(&mut |share, light| {
-        let index = maps.len() + tested.len();
-        let out = leave_out.is_some_and(|every| index % every == every - 1);
-        let map = light.reduced(LIGHT_ROWS);
-        if out { &mut tested } else { &mut maps }.push(map);
-        progress("reading lights", share);
-    })?;
-    progress("learning materials", 0.0);
-    let basis = LogBasis::fit(&tables, LogBasis::RANK);
-    let dictionary_settings = DictionarySettings { seed, ..DictionarySettings::default() };
-    let dictionary = Dictionary::new(basis, &dictionary_settings);
-    let stock_settings = ScenePoolSettings {
-        groups: ScenePoolSettings::groups_for(steps),
-        views,
-        draws,
-        seed,
-        ..ScenePoolSettings::default()
-    };
-    let count = maps.len();
-    let left_out = (!tested.is_empty()).then(|| ScenePool::new(dictionary.clone(), tested, stock_settings));
-    let mut stock = ScenePool::new(dictionary, maps, stock_settings);
-    let mut training = TrainingSettings { steps, seed, ..TrainingSettings::default() };
-    if initial.is_some() {
-        training.learning_rate *= INITIAL_RATE_FACTOR;
-    }
-    let origin = initial.as_ref().map_or_else(String::new, |(_, note)| format!(", from the network of: {note}"));
-    let note = format!(
-        "{channel:?} of {} materials, {count} lights, {dictionary_settings:?}, {stock_settings:?}, {training:?}{}",
-        tables.len(),
-        origin,
-    );
-    let start = match &resumption.start {
-        Some((path, bytes)) => {
-            let (made_with, checkpoint) = decode_checkpoint(path, bytes)?;
-            if made_with != note {
-                let problem = "belongs to a training run with other settings; use the same settings or start a new run";
-                return Err(TrainingError::Data(path.display().to_string(), problem.into()));
-            }
-            Some(checkpoint)
-        }
-        None => None,
-    };
-    let last = Cell::new(Instant::now());
-    let keep = |checkpoint: &dyn Fn() -> Checkpoint| {
-        if last.get().elapsed() >= CHECKPOINT_INTERVAL {
-            (resumption.keep)(encode_checkpoint(&checkpoint(), &note));
-            last.set(Instant::now());
-        }
-    };
-    let monitor = Monitor { progress: &|share, _| progress("learning the posterior", share), keep: &keep };
-    let (mut learnt, losses) =
-        learn(&mut stock, left_out, &training, initial.as_ref().map(|(learnt, _)| learnt), start, &monitor)?;
-    drop(stock);
-    learnt.colours = Some(colours(&learnt, lights, materials, progress)?.0);
-    let provenance = format!(
-        "{POSTERIOR} by gonio {} from the {channel:?} channel of {} materials in {count} maps, {} photographs, seed {seed}{origin}",
-        env!("CARGO_PKG_VERSION"),
-        tables.len(),
-        training.steps * training.batch,
-    );
-    Ok((learnt, losses, provenance))
-}
-
 /// Trains the colour model on a simulated photograph of each material in each light, evaluated with
 /// the posterior of the luminance. Also returns the numbers of materials and of lights.
 fn colours(
@@ -371,12 +232,12 @@ fn colours(
         ));
     }
     let count = tables.len();
-    let mut stock = ColourStock::new(learnt, tables);
+    let mut pool = ColourPool::new(learnt, tables);
     let lights = lights.each(&mut |share, light| {
-        stock.add_light(light);
+        pool.add_light(light);
         progress("learning colours", share);
     })?;
-    Ok((stock.learn(), [count, lights]))
+    Ok((pool.learn(), [count, lights]))
 }
 
 /// Retrains the colour model of a model.
@@ -405,22 +266,6 @@ pub fn recolour(
     Ok(())
 }
 
-/// Encodes a checkpoint with a note on the settings of its training.
-fn encode_checkpoint(checkpoint: &Checkpoint, note: &str) -> Vec<u8> {
-    let Checkpoint { values, moments: [mean, square, average], others, losses } = checkpoint;
-    encode_arrays(note, &[values, mean, square, average, others, losses].map(Vec::as_slice))
-}
-
-/// Decodes a checkpoint and the note on its settings.
-fn decode_checkpoint(path: &Path, bytes: &[u8]) -> Result<(String, Checkpoint), TrainingError> {
-    let (note, arrays) = decode_arrays(path, bytes)?;
-    let Ok([values, mean, square, average, others, losses]) = <[Vec<f32>; 6]>::try_from(arrays) else {
-        return Err(TrainingError::Data(path.display().to_string(), "is not a training checkpoint".into()));
-    };
-    let checkpoint = Checkpoint { values, moments: [mean, square, average], others, losses };
-    Ok((note, checkpoint))
-}
-
 /// Start of the note on the origin of the colour model.
 const COLOURS: &str = "colours by gonio";
 
@@ -436,17 +281,6 @@ const POSTERIOR: &str = "posterior of materials";
 /// Returns the note of a model on the origin of the part whose note has this start.
 fn provenance_of(model: &Model, start: &str) -> String {
     model.provenance.split("; ").find(|part| part.starts_with(start)).unwrap_or_default().to_owned()
-}
-
-/// Returns the posterior of a model, and the note on its origin, as the start of a training. `name`
-/// is the name of the model in messages.
-///
-/// # Errors
-/// If the model has no posterior.
-pub fn initial(model: &Model, name: &str) -> Result<(LearntPosterior, String), TrainingError> {
-    let missing = "has no posterior of materials; use a model with one (gonio train posterior)";
-    let learnt = model.learnt.clone().ok_or_else(|| TrainingError::Data(name.to_owned(), missing.into()))?;
-    Ok((learnt, provenance_of(model, POSTERIOR)))
 }
 
 /// Joins the parts, each with the note on its origin, into a model. Without a light prior or a

@@ -12,7 +12,7 @@ use gonio::inference::learnt::LearntPosterior;
 use gonio::reflectance::{BivariateTable, Dictionary, DictionarySettings, LogBasis};
 use gonio::scene::{ObservationSettings, sphere_points};
 use gonio::shape::SurfacePoint;
-use gonio::simulation::{ColourStock, ScenePool, ScenePoolSettings};
+use gonio::simulation::{ColourPool, ScenePool, ScenePoolSettings};
 use gonio_io::model::{decode_posterior, encode_posterior};
 use gonio_train::{Monitor, TrainingSettings};
 use serde::{Deserialize, Serialize};
@@ -35,8 +35,8 @@ const NORMALS: usize = 6_000;
 pub(crate) struct Learning {
     /// The dictionary of materials.
     pub(crate) dictionary: DictionarySettings,
-    /// The stock of their photographs.
-    pub(crate) stock: ScenePoolSettings,
+    /// The pool of their photographs.
+    pub(crate) pool: ScenePoolSettings,
     /// The training of the encoder.
     pub(crate) training: TrainingSettings,
 }
@@ -80,7 +80,7 @@ impl Effort {
                 dimensions: self.dimensions,
                 ..DictionarySettings::default()
             },
-            stock: ScenePoolSettings {
+            pool: ScenePoolSettings {
                 groups: ScenePoolSettings::groups_for(self.steps),
                 views: self.views,
                 draws: self.draws,
@@ -125,10 +125,10 @@ fn train(
 ) -> Result<LearntPosterior> {
     let dictionary = Dictionary::new(LogBasis::fit(materials, LogBasis::RANK), &learning.dictionary);
     let maps = names.iter().map(|name| lights.map(name.as_ref())).collect::<Result<_>>()?;
-    let mut stock = ScenePool::new(dictionary, maps, learning.stock);
+    let mut pool = ScenePool::new(dictionary, maps, learning.pool);
     let progress = Progress::new("steps", learning.training.steps);
     let step = |_: f64, _: f64| progress.step();
-    let (learnt, _) = gonio_train::learn(&mut stock, None, &learning.training, None, None, &Monitor::new(&step))?;
+    let (learnt, _) = gonio_train::learn(&mut pool, None, &learning.training, None, None, &Monitor::new(&step))?;
     progress.finish();
     Ok(learnt)
 }
@@ -159,14 +159,14 @@ pub(crate) fn colours(
     if let Some(found) = cache.load(&key).and_then(|bytes| serde_json::from_slice(&bytes).ok()) {
         return Ok(found);
     }
-    let mut stock = ColourStock::new(learnt, materials);
+    let mut pool = ColourPool::new(learnt, materials);
     let progress = Progress::new("learning colours", names.len());
     for name in &names {
-        stock.add_light(&lights.map(name)?);
+        pool.add_light(&lights.map(name)?);
         progress.step();
     }
     progress.finish();
-    let found = stock.learn();
+    let found = pool.learn();
     cache.store(&key, &serde_json::to_vec(&found)?)?;
     Ok(found)
 }

@@ -36,9 +36,9 @@ fn main() {
     let light = timed("one light", || LightPyramid::new(|d| f64::from(gonio::picture::luminance(map.at(d)))));
     let renderer = SceneRenderer::new();
     timed("scenes of 120 materials", || renderer.render(&tables, &light));
-    let mut stock = ScenePool::new(dictionary, vec![map], settings);
-    timed("one group of four views", || stock.load_groups(0));
-    let mut samples = Photographs(&mut stock);
+    let mut pool = ScenePool::new(dictionary, vec![map], settings);
+    timed("one group of four views", || pool.load_groups(0));
+    let mut samples = Photographs(&mut pool);
     timed("512 photographs", || {
         (0..PHOTOGRAPHS).into_par_iter().for_each(|number| {
             let side = samples.side();

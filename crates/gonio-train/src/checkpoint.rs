@@ -9,7 +9,7 @@ pub struct Checkpoint {
     /// Moving averages of the gradient, of its square, and of the parameters.
     pub moments: [Vec<f32>; 3],
     /// Coordinates of the preceding materials, one after the other.
-    pub others: Vec<f32>,
+    pub negatives: Vec<f32>,
     /// Loss of each completed step, in nats.
     pub losses: Vec<f32>,
 }

@@ -41,7 +41,7 @@ impl InitialPosterior<'_> {
     fn coordinates(&self) -> Vec<f32> {
         let Self { posterior, latent_space } = self;
         let old: Vec<Vec<f64>> =
-            posterior.prior.coordinates.iter().map(|place| place.iter().map(|z| f64::from(*z)).collect()).collect();
+            posterior.prior.coordinates.iter().map(|z| z.iter().map(|z| f64::from(*z)).collect()).collect();
         let new = old.chunks(TABLES_AT_A_TIME).flat_map(|places| posterior.latent_space.tables(places));
         new.flat_map(|table| latent_space.of(&table)).map(|z| z as f32).collect()
     }
@@ -94,13 +94,13 @@ impl Regression<'_> {
         for step in 0..REGRESSION_STEPS {
             let rows = (0..REGRESSION_BATCH).map(|at| (step * REGRESSION_BATCH + at) * MATERIAL_STRIDE % self.count);
             let gradient = self.gradient(values, rows);
-            let stride = StepSettings {
+            let settings = StepSettings {
                 rate: (REGRESSION_RATE * one_cycle(step as f64 / REGRESSION_STEPS as f64)) as f32,
                 decay: 0.0,
                 max_gradient_norm: 5.0,
                 ema_decay: 0.0,
             };
-            optimiser.step(values, &gradient, std::iter::empty(), &stride);
+            optimiser.step(values, &gradient, std::iter::empty(), &settings);
         }
     }
 

@@ -1,4 +1,4 @@
-//! Trains a posterior of materials on a stock of scenes.
+//! Trains a posterior of materials on a pool of scenes.
 
 use gonio::appearance::disk::{CHANNELS, DISK_SIDE};
 use gonio::inference::learnt::{Candidates, LearntPosterior, interval_widths};
@@ -30,43 +30,43 @@ pub struct TrainingLosses {
     pub new_lights: Option<f64>,
 }
 
-/// Learns the posterior from photographs of a stock. `left_out` is a stock of lights for testing
+/// Learns the posterior from photographs of a pool. `left_out` is a pool of lights for testing
 /// only. `initial` and `start` are those of [`train`].
 ///
 /// # Errors
 /// If [`train`] fails.
 pub fn learn(
-    stock: &mut ScenePool,
+    pool: &mut ScenePool,
     left_out: Option<ScenePool>,
     settings: &TrainingSettings,
     initial: Option<&LearntPosterior>,
     start: Option<Checkpoint>,
     monitor: &Monitor<'_>,
 ) -> Result<(LearntPosterior, TrainingLosses), TrainError> {
-    let latent_space = stock.dictionary().latent_space.clone();
+    let latent_space = pool.dictionary().latent_space.clone();
     let initial = initial.map(|posterior| InitialPosterior { posterior, latent_space: &latent_space });
-    let (trained, losses) = train(&mut Photographs(stock), settings, initial.as_ref(), start, monitor)?;
+    let (trained, losses) = train(&mut Photographs(pool), settings, initial.as_ref(), start, monitor)?;
     let recent = TESTED.div_ceil(settings.batch).min(settings.steps.div_ceil(10));
     let last = &losses[losses.len().saturating_sub(recent)..];
     let training = last.iter().map(|l| f64::from(*l)).sum::<f64>() / last.len().max(1) as f64;
-    let test = |stock: &mut ScenePool| {
-        stock.load_groups(Photographs::unused(settings.steps));
-        trained.loss(&Photographs(stock), FIRST, TESTED.min(settings.steps * settings.batch))
+    let test = |pool: &mut ScenePool| {
+        pool.load_groups(Photographs::unused(settings.steps));
+        trained.loss(&Photographs(pool), FIRST, TESTED.min(settings.steps * settings.batch))
     };
-    let new_lights = left_out.map(|mut stock| test(&mut stock));
-    let losses = TrainingLosses { training, new_scenes: test(stock), new_lights };
-    Ok((posterior(stock, &trained, settings), losses))
+    let new_lights = left_out.map(|mut pool| test(&mut pool));
+    let losses = TrainingLosses { training, new_scenes: test(pool), new_lights };
+    Ok((posterior(pool, &trained, settings), losses))
 }
 
 /// Builds the posterior from the trained encoder, the measured materials and draws from the prior.
 /// Also computes the usual ranges of features, and the widths of the prior's intervals.
-fn posterior(stock: &ScenePool, trained: &Trained, settings: &TrainingSettings) -> LearntPosterior {
+fn posterior(pool: &ScenePool, trained: &Trained, settings: &TrainingSettings) -> LearntPosterior {
     let ranged = RANGED.min(settings.steps * settings.batch);
-    let dictionary = stock.dictionary();
+    let dictionary = pool.dictionary();
     let features: Vec<Vec<f32>> = (FIRST..FIRST + ranged as u64)
         .into_par_iter()
         .map(|number| {
-            let image = stock.photograph(number).image;
+            let image = pool.photograph(number).image;
             let mut channels = vec![0.0; DISK_SIDE * DISK_SIDE * CHANNELS];
             let globals = image.write(&mut channels);
             trained.encoder.apply(&channels, &globals).1
@@ -78,13 +78,16 @@ fn posterior(stock: &ScenePool, trained: &Trained, settings: &TrainingSettings) 
         let out = values.len() / 1000;
         (values[out], values[values.len() - 1 - out])
     };
-    let candidates = |places: Vec<Vec<f64>>| {
-        let places: Vec<Vec<f32>> = places.iter().map(|p| p.iter().map(|z| *z as f32).collect()).collect();
-        Candidates { embeddings: places.par_iter().map(|place| trained.embed(place)).collect(), coordinates: places }
+    let candidates = |materials: Vec<Vec<f64>>| {
+        let materials: Vec<Vec<f32>> = materials.iter().map(|p| p.iter().map(|z| *z as f32).collect()).collect();
+        Candidates {
+            embeddings: materials.par_iter().map(|coordinates| trained.embed(coordinates)).collect(),
+            coordinates: materials,
+        }
     };
     let drawn = (FIRST..FIRST + settings.candidates as u64)
         .into_par_iter()
-        .map(|number| stock.draw_coordinates(number))
+        .map(|number| pool.draw_coordinates(number))
         .collect();
     let tables: Vec<BivariateTable> = dictionary.entries.par_iter().map(|entry| dictionary.table(entry)).collect();
     LearntPosterior {

@@ -50,25 +50,25 @@ impl Optimiser {
         values: &mut [f32],
         gradient: &[f32],
         decaying: impl Iterator<Item = Range<usize>>,
-        stride: &StepSettings,
+        settings: &StepSettings,
     ) {
         const MEAN: f32 = 0.9;
         const SQUARE: f32 = 0.999;
         self.steps += 1;
         let norm = gradient.iter().map(|g| f64::from(*g).powi(2)).sum::<f64>().sqrt();
-        let scale = if norm > stride.max_gradient_norm { (stride.max_gradient_norm / norm) as f32 } else { 1.0 };
+        let scale = if norm > settings.max_gradient_norm { (settings.max_gradient_norm / norm) as f32 } else { 1.0 };
         let (first, second) = (1.0 - MEAN.powi(self.steps), 1.0 - SQUARE.powi(self.steps));
         for range in decaying {
-            values[range].iter_mut().for_each(|v| *v *= 1.0 - stride.rate * stride.decay);
+            values[range].iter_mut().for_each(|v| *v *= 1.0 - settings.rate * settings.decay);
         }
         // Excludes the start of a short run from its average.
-        let keep = stride.ema_decay.min((1 + self.steps) as f32 / (10 + self.steps) as f32);
+        let keep = settings.ema_decay.min((1 + self.steps) as f32 / (10 + self.steps) as f32);
         let moments = self.mean.iter_mut().zip(&mut self.square).zip(&mut self.average);
         for ((value, gradient), ((mean, square), average)) in values.iter_mut().zip(gradient).zip(moments) {
             let g = scale * gradient;
             *mean = MEAN * *mean + (1.0 - MEAN) * g;
             *square = SQUARE * *square + (1.0 - SQUARE) * g * g;
-            *value -= stride.rate * (*mean / first) / ((*square / second).sqrt() + 1e-8);
+            *value -= settings.rate * (*mean / first) / ((*square / second).sqrt() + 1e-8);
             *average = keep * *average + (1.0 - keep) * *value;
         }
     }
@@ -94,8 +94,8 @@ mod tests {
         for step in 0..steps {
             let gradient: Vec<f32> = values.iter().zip([1.0, 10.0, 0.1]).map(|(v, a)| a * (v - 1.0)).collect();
             let rate = 0.1 * one_cycle(f64::from(step) / f64::from(steps)) as f32;
-            let stride = StepSettings { rate, decay: 0.0, max_gradient_norm: 5.0, ema_decay: 0.95 };
-            optimiser.step(&mut values, &gradient, std::iter::empty(), &stride);
+            let settings = StepSettings { rate, decay: 0.0, max_gradient_norm: 5.0, ema_decay: 0.95 };
+            optimiser.step(&mut values, &gradient, std::iter::empty(), &settings);
         }
         assert!(values.iter().chain(optimiser.average()).all(|v| (v - 1.0).abs() < 0.02), "{values:?}");
     }
@@ -104,8 +104,8 @@ mod tests {
     fn without_a_gradient_only_decaying_values_shrink() {
         let mut values = vec![1.0; 3];
         let mut optimiser = Optimiser::new(&values);
-        let stride = StepSettings { rate: 0.5, decay: 0.2, max_gradient_norm: 5.0, ema_decay: 0.9 };
-        optimiser.step(&mut values, &[0.0; 3], std::iter::once(1..2), &stride);
+        let settings = StepSettings { rate: 0.5, decay: 0.2, max_gradient_norm: 5.0, ema_decay: 0.9 };
+        optimiser.step(&mut values, &[0.0; 3], std::iter::once(1..2), &settings);
         assert_eq!(values, [1.0, 0.9, 1.0]);
     }
 }

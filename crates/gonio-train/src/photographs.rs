@@ -5,10 +5,10 @@ use gonio::simulation::ScenePool;
 
 use crate::Samples;
 
-/// Number of steps after which one group of the stock is replaced.
+/// Number of steps after which one group of the pool is replaced.
 const STEPS_PER_GROUP: usize = 60;
 
-/// Photographs of a stock; the targets are the coordinates of their materials in its dictionary.
+/// Photographs of a pool; the targets are the coordinates of their materials in its dictionary.
 pub struct Photographs<'a>(pub &'a mut ScenePool);
 
 impl Photographs<'_> {

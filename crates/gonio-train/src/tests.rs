@@ -79,8 +79,8 @@ fn the_gradient_matches_the_loss() {
     for drop in [0.0, 0.3] {
         let model = Model::new(&SMALL, &TrainingSettings { dropout: drop, ..small() }).unwrap();
         let values = model.parameters.random(7);
-        let others: Vec<f32> = (0..14).map(|at| uniform(at, 77)).collect();
-        let batch = Batch { samples: &SMALL, first: 5, count: MICRO_BATCH + 3, negatives: &others, seed: 3 };
+        let negatives: Vec<f32> = (0..14).map(|at| uniform(at, 77)).collect();
+        let batch = Batch { samples: &SMALL, first: 5, count: MICRO_BATCH + 3, negatives: &negatives, seed: 3 };
         let gradient = model.learn(&values, batch).gradient;
         assert_eq!(gradient.len(), values.len());
         // Check each tensor along its gradient: the effect of a single entry is below the rounding
@@ -154,8 +154,8 @@ fn loss_of(trained: &Trained, first: u64, count: usize) -> f64 {
         |at: usize| trained.embed(&part.targets[at * 2..][..2]).into_iter().map(|v| v * (width as f32).sqrt());
     let materials: Vec<Vec<f32>> = (0..count).map(|at| material(at).collect()).collect();
     let loss = |at: usize| {
-        let others = [&materials[..at], &materials[at + 1..]].concat().concat();
-        contrast(&mut image(at), &mut materials[at].clone(), &others, &mut vec![0.0; others.len()], width)
+        let negatives = [&materials[..at], &materials[at + 1..]].concat().concat();
+        contrast(&mut image(at), &mut materials[at].clone(), &negatives, &mut vec![0.0; negatives.len()], width)
     };
     (0..count).map(loss).sum::<f64>() / count as f64
 }

@@ -137,8 +137,8 @@ const ROWS: usize = 128;
 /// arbitrarily large.
 const MAX_COORDINATE: f32 = 8.0;
 
-pub(crate) fn bounded(places: &[f32]) -> Vec<f32> {
-    places.iter().map(|z| z.clamp(-MAX_COORDINATE, MAX_COORDINATE)).collect()
+pub(crate) fn bounded(coordinates: &[f32]) -> Vec<f32> {
+    coordinates.iter().map(|z| z.clamp(-MAX_COORDINATE, MAX_COORDINATE)).collect()
 }
 
 /// An encoder and the embedding of materials in training.
@@ -147,7 +147,7 @@ pub(crate) struct Model {
     pub(crate) layers: Layers,
     pub(crate) materials: Dense,
     pub(crate) parameters: Parameters,
-    drop: f64,
+    dropout: f64,
 }
 
 /// Result of a training: an encoder of images, and the matching embedding of materials.
@@ -158,7 +158,7 @@ pub struct Trained {
     /// Weights of the embedding of materials.
     weights: Vec<Vec<f32>>,
     values: Vec<f32>,
-    others: Vec<f32>,
+    negatives: Vec<f32>,
 }
 
 impl Trained {
@@ -173,7 +173,7 @@ impl Trained {
     /// Computes the mean loss in nats of `count` samples from `first` on, as in training but
     /// without dropout. Their materials are contrasted with the last materials of the training.
     pub fn loss(&self, samples: &dyn Samples, first: u64, count: usize) -> f64 {
-        self.model.learn(&self.values, Batch { samples, first, count, negatives: &self.others, seed: 0 }).loss
+        self.model.learn(&self.values, Batch { samples, first, count, negatives: &self.negatives, seed: 0 }).loss
     }
 }
 
@@ -205,7 +205,7 @@ struct MicroBatchGradient {
     loss: f64,
     /// Gradients with respect to the weights of all layers.
     gradients: Vec<Vec<f32>>,
-    to_others: Vec<f32>,
+    to_negatives: Vec<f32>,
     coordinates: Vec<f32>,
 }
 
@@ -214,14 +214,15 @@ impl Model {
         let dimensions = samples.dimensions();
         let check = |ok: bool, name| if ok { Ok(()) } else { Err(TrainError::Setting(name)) };
         check((1..=1024).contains(&settings.embedding), "embedding")?;
-        check(settings.negatives > 0, "others")?;
+        check(settings.negatives > 0, "negatives")?;
         check(settings.candidates > 0, "candidates")?;
         check(settings.materials.iter().all(|units| (1..=4096).contains(units)), "materials")?;
+        check(settings.steps > 0, "steps")?;
         check(settings.batch > 0, "batch")?;
-        check((0.0..1.0).contains(&settings.dropout), "drop")?;
-        check((0.0..1.0).contains(&settings.ema_decay), "average")?;
-        check(settings.max_gradient_norm > 0.0, "longest")?;
-        check(dimensions <= 64, "dimensions")?;
+        check((0.0..1.0).contains(&settings.dropout), "dropout")?;
+        check((0.0..1.0).contains(&settings.ema_decay), "ema_decay")?;
+        check(settings.max_gradient_norm > 0.0, "max_gradient_norm")?;
+        check((1..=64).contains(&dimensions), "dimensions of the samples")?;
         let shape = EncoderShape {
             side: samples.side(),
             channels: samples.channels(),
@@ -240,47 +241,47 @@ impl Model {
         };
         let materials = Dense { layers: sizes.windows(2).enumerate().map(material).collect() };
         let parameters = Parameters::new(layers.all().chain(&materials.layers));
-        Ok(Self { shape, layers, materials, parameters, drop: settings.dropout })
+        Ok(Self { shape, layers, materials, parameters, dropout: settings.dropout })
     }
 
     /// Computes loss and gradients of the images of a part, contrasting their own materials with
-    /// the embeddings `others`. `seed` determines dropout.
-    fn piece(&self, part: MicroBatch, weights: &[Vec<f32>], others: &[f32], seed: u64) -> MicroBatchGradient {
+    /// the embeddings `negatives`. `seed` determines dropout.
+    fn micro_batch(&self, part: MicroBatch, weights: &[Vec<f32>], negatives: &[f32], seed: u64) -> MicroBatchGradient {
         let masks = self.masks(part.count, seed);
         let (encoder, materials) = weights.split_at(self.layers.all().count());
         let images = self.layers.forward(part.images, &part.globals, part.count, encoder, &masks);
         let own = self.materials.forward(bounded(&part.targets), materials, &[]);
         let (mut to_images, mut to_own) = (images.outputs().to_vec(), own.outputs().to_vec());
-        let mut to_others = vec![0.0; others.len()];
-        let loss = contrast(&mut to_images, &mut to_own, others, &mut to_others, self.shape.outputs);
+        let mut to_negatives = vec![0.0; negatives.len()];
+        let loss = contrast(&mut to_images, &mut to_own, negatives, &mut to_negatives, self.shape.outputs);
         let mut gradients = self.layers.backward(images, to_images, encoder, &masks);
         gradients.extend(self.materials.backward(own, to_own, materials, &[]).0);
-        MicroBatchGradient { loss, gradients, to_others, coordinates: part.targets }
+        MicroBatchGradient { loss, gradients, to_negatives, coordinates: part.targets }
     }
 
     /// Dropout masks of the hidden layers: zero for units left out, and more than one for the rest
     /// to keep the mean.
     fn masks(&self, count: usize, seed: u64) -> Vec<Vec<f32>> {
-        if self.drop == 0.0 {
+        if self.dropout == 0.0 {
             return Vec::new();
         }
         let mut rng = Pcg64::seed_from_u64(seed);
-        let rest = (1.0 / (1.0 - self.drop)) as f32;
-        let mut draw = || if rng.random_range(0.0..1.0) < self.drop { 0.0 } else { rest };
+        let rest = (1.0 / (1.0 - self.dropout)) as f32;
+        let mut draw = || if rng.random_range(0.0..1.0) < self.dropout { 0.0 } else { rest };
         self.shape.hidden.iter().map(|units| (0..count * units).map(|_| draw()).collect()).collect()
     }
 
     pub(crate) fn learn(&self, values: &[f32], batch: Batch<'_>) -> BatchGradient {
-        let Batch { samples, first, count, negatives: others, seed } = batch;
+        let Batch { samples, first, count, negatives, seed } = batch;
         let weights = self.parameters.weights(values);
         let images = self.layers.all().count();
         let rows = ROWS * samples.dimensions();
-        let traces: Vec<DenseTrace> = others
+        let traces: Vec<DenseTrace> = negatives
             .par_chunks(rows)
-            .map(|places| self.materials.forward(bounded(places), &weights[images..], &[]))
+            .map(|rows| self.materials.forward(bounded(rows), &weights[images..], &[]))
             .collect();
-        let others: Vec<f32> = traces.iter().flat_map(|trace| trace.outputs()).copied().collect();
-        let pieces: Vec<MicroBatchGradient> = (0..count.div_ceil(MICRO_BATCH))
+        let embedded: Vec<f32> = traces.iter().flat_map(|trace| trace.outputs()).copied().collect();
+        let parts: Vec<MicroBatchGradient> = (0..count.div_ceil(MICRO_BATCH))
             .into_par_iter()
             .map(|at| {
                 let part = MicroBatch::draw(
@@ -290,20 +291,20 @@ impl Model {
                 );
                 // Neighbouring seeds of the generator give unrelated streams.
                 let seed = (seed << 32).wrapping_add(first).wrapping_add((at * MICRO_BATCH) as u64);
-                self.piece(part, &weights, &others, seed)
+                self.micro_batch(part, &weights, &embedded, seed)
             })
             .collect();
-        let to_others = sum(pieces.iter().map(|p| p.to_others.as_slice()), others.len());
+        let to_negatives = sum(parts.iter().map(|p| p.to_negatives.as_slice()), embedded.len());
         let back: Vec<Vec<Vec<f32>>> = traces
             .into_par_iter()
-            .zip(to_others.par_chunks(ROWS * self.shape.outputs))
+            .zip(to_negatives.par_chunks(ROWS * self.shape.outputs))
             .map(|(trace, back)| self.materials.backward(trace, back.to_vec(), &weights[images..], &[]).0)
             .collect();
         let scale = 1.0 / count as f32;
         let gradients: Vec<Vec<f32>> = (0..weights.len())
             .into_par_iter()
             .map(|layer| {
-                let own = pieces.iter().map(|p| p.gradients[layer].as_slice());
+                let own = parts.iter().map(|p| p.gradients[layer].as_slice());
                 let back = back.iter().filter(|_| layer >= images).map(|b| b[layer - images].as_slice());
                 let mut sum = sum(own.chain(back), weights[layer].len());
                 sum.iter_mut().for_each(|s| *s *= scale);
@@ -311,17 +312,17 @@ impl Model {
             })
             .collect();
         BatchGradient {
-            loss: pieces.iter().map(|p| p.loss).sum::<f64>() / count as f64,
+            loss: parts.iter().map(|p| p.loss).sum::<f64>() / count as f64,
             gradient: self.parameters.backward(values, &gradients),
-            coordinates: pieces.into_iter().flat_map(|p| p.coordinates).collect(),
+            coordinates: parts.into_iter().flat_map(|p| p.coordinates).collect(),
         }
     }
 
-    fn finish(mut self, values: Vec<f32>, others: Vec<f32>) -> Result<Trained, TrainError> {
+    fn finish(mut self, values: Vec<f32>, negatives: Vec<f32>) -> Result<Trained, TrainError> {
         let encoder = self.parameters.export(&values, &self.shape)?;
         let weights = self.parameters.weights(&values).split_off(self.layers.all().count());
-        self.drop = 0.0;
-        Ok(Trained { encoder, model: self, weights, values, others })
+        self.dropout = 0.0;
+        Ok(Trained { encoder, model: self, weights, values, negatives })
     }
 }
 
@@ -375,43 +376,43 @@ pub fn train(
         _ => model.parameters.random(settings.seed),
     };
     let mut optimiser = Optimiser::new(&values);
-    let (mut others, mut losses): (Vec<f32>, Vec<f32>) = (Vec::new(), Vec::new());
+    let (mut negatives, mut losses): (Vec<f32>, Vec<f32>) = (Vec::new(), Vec::new());
     let mut first_step = 0;
     if let Some(start) = start {
         let sizes = start.moments.iter().chain([&start.values]).all(|v| v.len() == values.len());
-        if !sizes || start.step() > settings.steps || !start.others.len().is_multiple_of(samples.dimensions()) {
+        if !sizes || start.step() > settings.steps || !start.negatives.len().is_multiple_of(samples.dimensions()) {
             return Err(TrainError::Checkpoint);
         }
         first_step = start.step();
         optimiser = Optimiser::resume(start.moments, first_step);
-        (values, others, losses) = (start.values, start.others, start.losses);
+        (values, negatives, losses) = (start.values, start.negatives, start.losses);
     }
     for step in first_step..settings.steps {
         samples.advance(step);
         let first = (step * settings.batch) as u64;
-        let batch = Batch { samples, first, count: settings.batch, negatives: &others, seed: settings.seed };
-        let BatchGradient { loss, gradient, coordinates: places } = model.learn(&values, batch);
+        let batch = Batch { samples, first, count: settings.batch, negatives: &negatives, seed: settings.seed };
+        let BatchGradient { loss, gradient, coordinates } = model.learn(&values, batch);
         if !loss.is_finite() || gradient.iter().any(|g| !g.is_finite()) {
             return Err(TrainError::Diverged { step });
         }
-        let stride = StepSettings {
+        let step_settings = StepSettings {
             rate: (settings.learning_rate * one_cycle(step as f64 / settings.steps as f64)) as f32,
             decay: settings.weight_decay as f32,
             max_gradient_norm: settings.max_gradient_norm,
             ema_decay: settings.ema_decay as f32,
         };
-        optimiser.step(&mut values, &gradient, model.parameters.decaying(), &stride);
-        others.extend(places);
-        others.drain(..others.len().saturating_sub(settings.negatives * samples.dimensions()));
+        optimiser.step(&mut values, &gradient, model.parameters.decaying(), &step_settings);
+        negatives.extend(coordinates);
+        negatives.drain(..negatives.len().saturating_sub(settings.negatives * samples.dimensions()));
         losses.push(loss as f32);
         (monitor.progress)((step + 1) as f64 / settings.steps as f64, loss);
         (monitor.keep)(&|| Checkpoint {
             values: values.clone(),
             moments: optimiser.moments(),
-            others: others.clone(),
+            negatives: negatives.clone(),
             losses: losses.clone(),
         });
     }
-    let trained = model.finish(optimiser.average().to_vec(), others)?;
+    let trained = model.finish(optimiser.average().to_vec(), negatives)?;
     Ok((trained, losses))
 }

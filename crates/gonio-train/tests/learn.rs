@@ -28,14 +28,14 @@ fn dictionary() -> Dictionary {
     Dictionary::new(LogBasis::fit(&tables, 8), &settings)
 }
 
-fn stock(lights: u32) -> ScenePool {
+fn scene_pool(lights: u32) -> ScenePool {
     let settings = ScenePoolSettings { groups: 3, views: 1, draws: 12, ..ScenePoolSettings::default() };
-    let mut stock = ScenePool::new(dictionary(), (0..lights).map(light).collect(), settings);
-    stock.load_groups(0);
-    stock
+    let mut pool = ScenePool::new(dictionary(), (0..lights).map(light).collect(), settings);
+    pool.load_groups(0);
+    pool
 }
 
-/// A stock in lights that are not those of [`stock`].
+/// A pool in lights that are not those of [`scene_pool`].
 fn other(lights: u32) -> ScenePool {
     let settings = ScenePoolSettings { groups: 2, views: 1, draws: 12, ..ScenePoolSettings::default() };
     ScenePool::new(dictionary(), (100..100 + lights).map(light).collect(), settings)
@@ -59,10 +59,10 @@ fn settings(steps: usize) -> TrainingSettings {
 
 #[test]
 fn embeddings_identify_the_materials_of_new_photographs() {
-    let mut stock = stock(4);
-    assert_eq!(stock.scenes(), 3 * 12);
+    let mut pool = scene_pool(4);
+    assert_eq!(pool.scenes(), 3 * 12);
     let monitor = Monitor::new(&|_, _| ());
-    let (posterior, losses) = learn(&mut stock, Some(other(4)), &settings(60), None, None, &monitor).unwrap();
+    let (posterior, losses) = learn(&mut pool, Some(other(4)), &settings(60), None, None, &monitor).unwrap();
     assert!(losses.training < -0.5 && losses.new_scenes < -0.1, "{losses:?}");
     // Four lights are too few to generalise to other lights.
     assert!(losses.new_lights.unwrap() > losses.new_scenes, "{losses:?}");
@@ -71,7 +71,7 @@ fn embeddings_identify_the_materials_of_new_photographs() {
     let (mut along, mut out_of_distribution, mut certain) = (0.0, 0.0, 0.0);
     let unseen = (1 << 41)..(1 << 41) + 60;
     for number in unseen {
-        let photograph = stock.photograph(number);
+        let photograph = pool.photograph(number);
         let reading = posterior.encode(&photograph.image);
         let weights = posterior.prior.weights(&reading.embedding);
         let mean: f64 = weights.iter().zip(&posterior.prior.coordinates).map(|(w, z)| w * f64::from(z[0])).sum();
@@ -90,7 +90,7 @@ fn the_encoder_does_not_depend_on_the_number_of_threads() {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| {
             let (trained, _) = gonio_train::train(
-                &mut Photographs(&mut stock(1)),
+                &mut Photographs(&mut scene_pool(1)),
                 &settings(2),
                 None,
                 None,
@@ -107,12 +107,12 @@ fn the_encoder_does_not_depend_on_the_number_of_threads() {
 fn a_training_begins_with_an_initial_posterior() {
     let short = TrainingSettings { steps: 1, learning_rate: 1e-9, ..settings(1) };
     let monitor = Monitor::new(&|_, _| ());
-    let mut stock = stock(4);
-    let (first, _) = learn(&mut stock, None, &settings(20), None, None, &monitor).unwrap();
-    let mut train = |initial| learn(&mut stock, None, &short, initial, None, &monitor).unwrap().0;
+    let mut pool = scene_pool(4);
+    let (first, _) = learn(&mut pool, None, &settings(20), None, None, &monitor).unwrap();
+    let mut train = |initial| learn(&mut pool, None, &short, initial, None, &monitor).unwrap().0;
     let (random, continued) = (train(None), train(Some(&first)));
     // The encoder and the embeddings of materials are those of the first training.
-    let photograph = stock.photograph(1 << 41).image;
+    let photograph = pool.photograph(1 << 41).image;
     let [of_first, of_random, of_continued] =
         [&first, &random, &continued].map(|posterior| posterior.encode(&photograph).embedding);
     let distance = |a: &[f32], b: &[f32]| a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f32>().sqrt();
@@ -126,6 +126,6 @@ fn a_training_begins_with_an_initial_posterior() {
     let spread = distance(&before, &vec![0.0; before.len()]);
     assert!(distance(&before, &after) < 0.2 * spread, "{before:?} {after:?}");
     let other = TrainingSettings { hidden: vec![16], ..short };
-    let problem = learn(&mut stock, None, &other, Some(&first), None, &monitor).unwrap_err();
+    let problem = learn(&mut pool, None, &other, Some(&first), None, &monitor).unwrap_err();
     assert!(matches!(problem, gonio_train::TrainError::Initial), "{problem}");
 }

@@ -136,7 +136,7 @@ fn kept(options: &FoldsOptions) -> Prior {
 fn learning(options: &FoldsOptions) -> Learning {
     let mut learning = options.effort.learning();
     let prior = kept(options);
-    learning.stock.prior = prior;
+    learning.pool.prior = prior;
     learning.dictionary.prior = prior;
     learning
 }

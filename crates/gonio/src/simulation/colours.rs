@@ -27,7 +27,7 @@ const TURN: f64 = 137.5;
 const CAMERAS: usize = 8;
 
 /// Simulated photographs: one of every material in every light.
-pub struct ColourStock<'a> {
+pub struct ColourPool<'a> {
     posterior: &'a LearntPosterior,
     materials: Vec<[BivariateTable; 3]>,
     luminances: Vec<BivariateTable>,
@@ -38,8 +38,8 @@ pub struct ColourStock<'a> {
     chromas: Vec<Chroma>,
 }
 
-impl<'a> ColourStock<'a> {
-    /// Builds a stock of measured materials (red, green and blue of each), without photographs.
+impl<'a> ColourPool<'a> {
+    /// Builds a pool of measured materials (red, green and blue of each), without photographs.
     ///
     /// `posterior` evaluates their channels. Cells beyond 80 degrees take the value of the nearest
     /// trusted cell.

@@ -30,8 +30,8 @@ pub enum LightKind {
 }
 
 impl LightKind {
-    /// All kinds with their frequencies. About half are unchanged captured lights; the others
-    /// resemble no captured map.
+    /// All kinds with their frequencies. About half are captured lights, half of these with another
+    /// contrast; the others resemble no captured map.
     pub const SHARES: [(Self, f64); 8] = [
         (Self::Captured, 0.48),
         (Self::Lamped, 0.07),
@@ -63,7 +63,7 @@ impl LightKind {
     /// `camera` is the rotation from this frame to that of the map.
     pub fn light(self, map: &EnvironmentMap, camera: DQuat, rng: &mut impl Rng) -> LightPyramid {
         let captured = |d: DVec3| f64::from(luminance(map.at(camera * d)));
-        let mean = mean_of(map);
+        let mean = map.mean_luminance().max(1e-30);
         match self {
             Self::Captured => LightPyramid::new(captured),
             Self::Lamped => {
@@ -127,20 +127,6 @@ impl LightKind {
             }
         }
     }
-}
-
-/// Returns the mean luminance over all directions.
-fn mean_of(map: &EnvironmentMap) -> f64 {
-    let (width, height) = map.radiance().size();
-    let (mut sum, mut weights) = (0.0, 0.0);
-    for y in 0..height {
-        let weight = (std::f64::consts::PI * (y as f64 + 0.5) / height as f64).sin();
-        for x in 0..width {
-            sum += weight * f64::from(luminance(map.radiance()[(x, y)]));
-        }
-        weights += weight * width as f64;
-    }
-    (sum / weights).max(1e-30)
 }
 
 fn between(rng: &mut impl Rng, low: f64, high: f64) -> f64 {

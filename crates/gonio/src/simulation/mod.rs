@@ -3,7 +3,7 @@
 //!
 //! A [`ScenePool`] contains groups of scenes. A group has some materials and some views of lights;
 //! its scenes are ideal images of a ball of each material in each view. Any number of photographs
-//! can be drawn from a stock, since images are linear in the light and in the material. A
+//! can be drawn from a pool, since images are linear in the light and in the material. A
 //! photograph shows one material of a group or a mixture of two. Its light is the sum of up to four
 //! views with random weights and turns. The number of lights is therefore unlimited, and an encoder
 //! cannot memorise them (`docs/training.md`).
@@ -30,7 +30,7 @@ use rand_pcg::Pcg64;
 use serde::{Deserialize, Serialize};
 
 pub use camera::PhotographEffects;
-pub use colours::ColourStock;
+pub use colours::ColourPool;
 pub use lights::LightKind;
 pub use pyramid::LightPyramid;
 use scene::Packed;
@@ -118,7 +118,7 @@ pub struct Photograph {
 }
 
 impl ScenePool {
-    /// Builds a stock without scenes.
+    /// Builds a pool without scenes.
     ///
     /// # Panics
     /// If there are no lights, or if `groups`, `views` or `draws` is zero.
@@ -133,14 +133,14 @@ impl ScenePool {
         &self.dictionary
     }
 
-    /// Returns the number of scenes in the stock.
+    /// Returns the number of scenes in the pool.
     pub fn scenes(&self) -> usize {
         self.groups.iter().map(|group| group.views.len() * group.materials.len()).sum()
     }
 
     /// Renders the groups `first` to `first + settings.groups - 1`, and drops all others.
     ///
-    /// Groups that are already in the stock are kept. A group depends only on the settings, the
+    /// Groups that are already in the pool are kept. A group depends only on the settings, the
     /// lights and its number.
     pub fn load_groups(&mut self, first: u64) {
         let held = self.groups.len() as u64;
@@ -172,8 +172,8 @@ impl ScenePool {
             parallel::map(&renderer.render(&tables, &light), Packed::of)
         };
         let views = (0..settings.views).map(&mut view).collect();
-        let places = parallel::map(&tables, |t| dictionary.latent_space.of(t));
-        Group { materials, coordinates: places, views }
+        let coordinates = parallel::map(&tables, |t| dictionary.latent_space.of(t));
+        Group { materials, coordinates, views }
     }
 
     /// Returns a photograph of one material or of a mixture of two, in the sum of some views.
@@ -197,12 +197,12 @@ impl ScenePool {
             let scale = weight / disk::mean(&one.values).max(1e-30);
             one.add_turned(way, scale, &mut scene);
             if camera.other_material > 0.0 {
-                let mut foreign = Scene::black();
-                scenes[pick.foreign].add_to(1.0, &mut foreign);
-                foreign.add_turned(way, scale, &mut other);
+                let mut other_material = Scene::black();
+                scenes[pick.other_material].add_to(1.0, &mut other_material);
+                other_material.add_turned(way, scale, &mut other);
             }
         }
-        Photograph { image: camera.photograph(&scene, &other, &mut rng), coordinates: self.place_of(&pick) }
+        Photograph { image: camera.photograph(&scene, &other, &mut rng), coordinates: self.coordinates_of(&pick) }
     }
 
     /// Draws the coordinates of a material from the distribution of the materials of photographs.
@@ -213,7 +213,7 @@ impl ScenePool {
         let mut rng = self.generator(number);
         let mut draw = || self.dictionary.draw(&self.settings.prior, &mut rng);
         let (one, two) = (draw(), draw());
-        self.place_of_mixture(&one, &two, share(&mut rng))
+        self.coordinates_of_mixture(&one, &two, share(&mut rng))
     }
 
     fn generator(&self, number: u64) -> Pcg64 {
@@ -223,7 +223,7 @@ impl ScenePool {
     fn pick(&self, rng: &mut Pcg64) -> Pick<'_> {
         let group = &self.groups[rng.random_range(0..self.groups.len())];
         let mut any = || rng.random_range(0..group.materials.len());
-        let (one, two, foreign) = (any(), any(), any());
+        let (one, two, other_material) = (any(), any(), any());
         let share = share(rng);
         let at = rng.random_range(0.0..1.0);
         let below = |count: usize| SUMMED[..count].iter().sum::<f64>();
@@ -234,19 +234,19 @@ impl ScenePool {
             (rng.random_range(0..group.views.len()), weight, rng.random_range(0..8))
         };
         let views = (0..count).map(view).collect();
-        Pick { group, one, two, foreign, share, views }
+        Pick { group, one, two, other_material, share, views }
     }
 
-    fn place_of(&self, pick: &Pick) -> Vec<f64> {
+    fn coordinates_of(&self, pick: &Pick) -> Vec<f64> {
         if pick.share == 1.0 {
             return pick.group.coordinates[pick.one].clone();
         }
         let [one, two] = [pick.one, pick.two].map(|at| &pick.group.materials[at]);
-        self.place_of_mixture(one, two, pick.share)
+        self.coordinates_of_mixture(one, two, pick.share)
     }
 
     /// Returns the coordinates of a mixture of two materials. `share` is that of the first.
-    fn place_of_mixture(&self, one: &DrawnMaterial, two: &DrawnMaterial, share: f32) -> Vec<f64> {
+    fn coordinates_of_mixture(&self, one: &DrawnMaterial, two: &DrawnMaterial, share: f32) -> Vec<f64> {
         let mut table = self.dictionary.table(one);
         if share < 1.0 {
             let other = self.dictionary.table(two);
@@ -268,7 +268,7 @@ struct Pick<'a> {
     one: usize,
     two: usize,
     /// Material of the pixels that do not show the object's material.
-    foreign: usize,
+    other_material: usize,
     /// Share of the first material.
     share: f32,
     /// Views, each with its weight and the symmetry of the square that turns it.
@@ -302,7 +302,7 @@ impl Scene {
     }
 }
 
-/// Builds a random generator for photographs that a [`PhotographEffects`] takes without a stock.
+/// Builds a random generator for photographs that a [`PhotographEffects`] takes without a pool.
 pub fn generator(seed: u64) -> impl Rng {
     Pcg64::seed_from_u64(seed)
 }

@@ -1,10 +1,10 @@
-//! Tests of the stock of scenes.
+//! Tests of the pool of scenes.
 
 use super::*;
 use crate::inference::learnt::tests::WORLD;
 use crate::testing::environment_map;
 
-fn stock() -> ScenePool {
+fn pool() -> ScenePool {
     let lights = [1.0, -1.0].map(|slope| environment_map(32, move |d| 2.0 + slope * d.y)).into();
     ScenePool::new(
         WORLD.clone(),
@@ -13,22 +13,22 @@ fn stock() -> ScenePool {
     )
 }
 
-/// A stock with a group that is not rendered.
+/// A pool with a group that is not rendered.
 fn unrendered() -> ScenePool {
-    let mut stock = stock();
+    let mut pool = pool();
     let materials = vec![WORLD.entries[0].clone(); 3];
-    stock.groups.push_back(Group { materials, coordinates: vec![vec![]; 3], views: vec![vec![]; 3] });
-    stock
+    pool.groups.push_back(Group { materials, coordinates: vec![vec![]; 3], views: vec![vec![]; 3] });
+    pool
 }
 
 #[test]
 fn groups_depend_only_on_their_number() {
-    let mut moved = stock();
+    let mut moved = pool();
     moved.load_groups(0);
     assert_eq!(moved.scenes(), 3);
     let before = moved.photograph(5);
     moved.load_groups(1);
-    let mut fresh = stock();
+    let mut fresh = pool();
     fresh.load_groups(1);
     for number in 0..8 {
         let (a, b) = (moved.photograph(number), fresh.photograph(number));
@@ -41,11 +41,11 @@ fn groups_depend_only_on_their_number() {
 
 #[test]
 fn photographs_sum_views_in_the_stated_shares() {
-    let stock = unrendered();
+    let pool = unrendered();
     let mut counts = [0.0; 4];
     let mut mixed = 0.0;
     for number in 0..4000 {
-        let pick = stock.pick(&mut stock.generator(number));
+        let pick = pool.pick(&mut pool.generator(number));
         counts[pick.views.len() - 1] += 1.0 / 4000.0;
         mixed += f64::from(u8::from(pick.share < 1.0)) / 4000.0;
     }
@@ -80,8 +80,8 @@ fn summed_scenes_are_turned_and_squares_of_details_add() {
 
 #[test]
 fn candidates_do_not_depend_on_the_groups() {
-    let (some, none) = (unrendered(), stock());
-    let places: Vec<Vec<f64>> = (0..3).map(|number| some.draw_coordinates(number)).collect();
-    assert!(places[0] != places[1] && places[0].len() == WORLD.latent_space.axes.len());
-    assert_eq!(places, (0..3).map(|number| none.draw_coordinates(number)).collect::<Vec<_>>());
+    let (some, none) = (unrendered(), pool());
+    let materials: Vec<Vec<f64>> = (0..3).map(|number| some.draw_coordinates(number)).collect();
+    assert!(materials[0] != materials[1] && materials[0].len() == WORLD.latent_space.axes.len());
+    assert_eq!(materials, (0..3).map(|number| none.draw_coordinates(number)).collect::<Vec<_>>());
 }

@@ -143,12 +143,12 @@ impl Bench {
         let run = || {
             let listener = |_: &'static str, _: f64| ();
             let progress_log = ProgressLog::new("reading", &listener);
-            let answer = infer((&self.model, "the model"), scene.clone(), &settings, &progress_log)
+            let inferred = infer((&self.model, "the model"), scene.clone(), &settings, &progress_log)
                 .unwrap_or_else(|problem| panic!("{name}: {problem:?}"));
             let mut seconds = progress_log.seconds();
             let start = Instant::now();
-            let flops = answer.document.light.as_ref().map_or(0.0, |light| products_of_light(light, side));
-            assert!(answer.files().encode().len() > 3, "{name}");
+            let flops = inferred.document.light.as_ref().map_or(0.0, |light| products_of_light(light, side));
+            assert!(inferred.files().encode().len() > 3, "{name}");
             // The files are encoded but not written.
             seconds.push(("files", start.elapsed().as_secs_f64()));
             let total: f64 = seconds.iter().map(|s| s.1).sum();

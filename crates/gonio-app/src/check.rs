@@ -90,19 +90,19 @@ pub fn check(
 impl CheckResult {
     /// Draws outlines, clipped and faulty pixels on the photograph, as linear display values.
     pub fn draw(&self) -> Plane<Vec3> {
-        let sightings: Vec<_> = self.objects.iter().map(|object| &object.scene.detection).collect();
-        draw(&self.photograph.picture, &sightings)
+        let detections: Vec<_> = self.objects.iter().map(|object| &object.scene.detection).collect();
+        draw(&self.photograph.picture, &detections)
     }
 
     /// Returns all numbers by name.
-    pub fn notes(&self) -> Value {
+    pub fn document(&self) -> Value {
         let (width, height) = self.photograph.picture.rgb.size();
         let object = |object: &DetectedObject| {
-            let mut notes = json!(object.scene.observations());
-            notes["name"] = json!(object.name);
-            notes["coverage"] = json!(object.coverage());
-            notes["reference"] = json!(object.scene.reference.as_ref().map(|reference| reference.section(None)));
-            notes
+            let mut document = json!(object.scene.observations());
+            document["name"] = json!(object.name);
+            document["coverage"] = json!(object.coverage());
+            document["reference"] = json!(object.scene.reference.as_ref().map(|reference| reference.section(None)));
+            document
         };
         let space = self.photograph.space.as_ref().map(
             |space| json!({ "input": space.name, "source": space.source.words(), "clamped_pixels": space.clamped }),

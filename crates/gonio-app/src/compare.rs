@@ -165,6 +165,7 @@ fn read_table(file: &Path) -> Result<BivariateTable, gonio_io::Error> {
 /// Returns the URL of a file relative to the folder `beside`, if the file is below it.
 fn address(file: &Path, beside: &Path) -> Option<String> {
     let mut address = ".".to_owned();
+    let (file, beside) = (std::path::absolute(file).ok()?, std::path::absolute(beside.join(".")).ok()?);
     for part in file.strip_prefix(beside).ok()?.components() {
         let Component::Normal(part) = part else { return None };
         address.push('/');
@@ -194,6 +195,11 @@ mod tests {
         assert_eq!(of("out/a/report.html", "out").as_deref(), Some("./a/report.html"));
         assert_eq!(of("a b#?%/\"é.html", "").as_deref(), Some("./a%20b%23%3F%25/%22%C3%A9.html"));
         assert_eq!(of("javascript:x/report.html", "").as_deref(), Some("./javascript%3Ax/report.html"));
+        for (file, beside) in [("one/report.html", "."), ("./one/report.html", ""), ("a/../one/report.html", "a/..")] {
+            assert_eq!(of(file, beside).as_deref(), Some("./one/report.html"), "{file} {beside}");
+        }
+        let here = std::env::current_dir().unwrap().join("one/report.html");
+        assert_eq!(of(here.to_str().unwrap(), "").as_deref(), Some("./one/report.html"));
         assert_eq!((of("../a/report.html", ""), of("/a/report.html", "b")), (None, None));
     }
 

@@ -36,7 +36,7 @@ pub fn model(model: &Model) -> ModelSection {
 /// Sets the sections `posterior`, `reflectance`, `light`, `residual` and `settings` of an estimate.
 /// `linear` is true if integer values were read as linear radiance.
 pub fn set_estimate(document: &mut ResultDocument, estimate: &Estimate, settings: &EstimateSettings, linear: bool) {
-    let Estimate { material, light: found, chromatic_light: tint, .. } = estimate;
+    let Estimate { material, light: found, chromatic_light, .. } = estimate;
     document.posterior = Some(posterior(material, ALBEDO));
     document.reflectance = reflectance(None);
     document.light = Some(light(found));
@@ -45,10 +45,10 @@ pub fn set_estimate(document: &mut ResultDocument, estimate: &Estimate, settings
         expected: Some(expected_misfit(material)),
         noise_sd: Some(found.noise),
         relative_noise: Some(found.relative_noise),
-        colours: tint.as_ref().map(|tint| ColourResidual {
-            misfit: tint.misfit,
-            blue_orange: tint.chroma_residual[0],
-            green_magenta: tint.chroma_residual[1],
+        colours: chromatic_light.as_ref().map(|light| ColourResidual {
+            misfit: light.misfit,
+            blue_orange: light.chroma_residual[0],
+            green_magenta: light.chroma_residual[1],
         }),
         ..Residual::default()
     });
@@ -223,10 +223,10 @@ pub fn observations(detection: &Detection, origin: &ShapeOrigin, shadowed: bool)
     let standard_error = |error: f64| error.is_finite().then_some(error);
     Observations {
         shape: shape(detection, origin),
-        detection: detection.reliability.map(|sureness| DetectionReport {
-            support: sureness.support,
-            runner_up: sureness.runner_up,
-            standard_error: standard_error(sureness.standard_error),
+        detection: detection.reliability.map(|reliability| DetectionReport {
+            support: reliability.support,
+            runner_up: reliability.runner_up,
+            standard_error: standard_error(reliability.standard_error),
         }),
         surface: detection.pixels.map(|(pixels, back_facing)| SurfacePixels { pixels, back_facing }),
         visibility: (detection.placed.is_some() && shadowed)

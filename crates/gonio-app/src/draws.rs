@@ -56,9 +56,9 @@ pub fn of_result(
             format!("does not contain a BRDF and {FILE}; specify a result folder of the learnt or known-light method");
         return Err(AppError::of(name, problem).into());
     };
-    let saved = SavedPosterior::read(folder)?;
+    let saved = SavedPosterior::read(&folder.join(FILE))?;
     let drawn = predictive_draws(model, &saved.likelihood, count, seed).map_err(|_| {
-        let problem = format!("was inferred with another model than {model_name}; specify that model with --model");
+        let problem = format!("was inferred with another model than {model_name}; specify that model");
         DrawsError::OtherModel(AppError::of(name, problem))
     })?;
     let table = read_brdf(&file)?;

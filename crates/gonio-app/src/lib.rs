@@ -10,7 +10,6 @@
 
 #![deny(clippy::print_stdout, clippy::print_stderr)]
 
-mod answer;
 mod check;
 mod coded_floats;
 pub mod combine;
@@ -19,6 +18,7 @@ pub mod document;
 pub mod draws;
 pub mod export;
 pub mod folder;
+mod inference;
 mod inpaint;
 mod mask;
 mod mirror;
@@ -36,9 +36,9 @@ mod shape;
 pub mod spaces;
 pub mod training;
 
-pub use answer::{InferenceResult, contradiction, infer, read_light};
 pub use check::{CheckError, CheckResult, DetectedObject, check};
 pub use gonio::estimate::Alignment;
+pub use inference::{InferenceResult, contradiction, infer, read_light};
 pub use mirror::MirrorBall;
 pub use photograph::{Curve, Photograph, PhotographSource, Reading};
 pub use probe::{LightProbe, ProbePhotographs, light_probe};

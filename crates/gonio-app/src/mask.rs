@@ -1,7 +1,6 @@
 //! Scales masks to the size of the photograph.
 
 use gonio::picture::Plane;
-use gonio::scene::Circle;
 
 /// Largest ratio of the sides of mask and photograph.
 const MAX_RATIO: f64 = 8.0;
@@ -42,14 +41,6 @@ fn shares(from: usize, to: usize) -> Vec<Vec<(usize, f32)>> {
         (start as usize..(end.ceil() as usize).min(from)).map(|u| (u, covered(u) as f32)).collect()
     };
     (0..to).map(shares).collect()
-}
-
-/// Returns the coverage of each pixel by a ball.
-pub(crate) fn disk_of(circle: &Circle, (width, height): (usize, usize)) -> Plane<f32> {
-    Plane::from_fn(width, height, |x, y| {
-        let r = (x as f64 + 0.5 - circle.x).hypot(y as f64 + 0.5 - circle.y);
-        (circle.radius - r + 0.5).clamp(0.0, 1.0) as f32
-    })
 }
 
 #[cfg(test)]

@@ -7,7 +7,6 @@ use gonio::scene::{Circle, Detection, Object, outline_of_ball};
 use gonio::suggestion::Suggestion;
 
 use crate::inpaint::inpaint_ball;
-use crate::mask::disk_of;
 use crate::regions::Regions;
 use crate::scene::LoadedScene;
 use crate::{AppError, Warning};
@@ -52,11 +51,11 @@ impl MirrorBall {
             None => Object::Sphere(Some(self.circle)),
             Some(camera) => Object::Ball(*camera),
         };
-        let disk = disk_of(&self.circle, size);
+        let disk = self.circle.coverage(size);
         let view = View::of(&opaque(picture), Some(&disk), &object, scene.photograph.clip).map_err(to_error)?;
         let found = probe(&view, None, &ProbeSettings { reflectance, rows: None }).map_err(to_error)?;
-        let oddities = view.scene_warnings().into_iter().chain(found.report.scene_warnings());
-        warnings.extend(oddities.map(|odd| Warning::from(format!("{name}: mirror ball: {odd}"))));
+        let of_ball = view.warnings().into_iter().chain(found.report.warnings());
+        warnings.extend(of_ball.map(|warning| Warning::from(format!("{name}: mirror ball: {warning}"))));
         let is_ball = matches!(scene.object, Object::Sphere(_));
         let is_masked = scene.mask.is_some() || matches!(regions, Some(Regions::Labels(_) | Regions::Circles(_)));
         if matches!(regions, Some(Regions::Balls)) {

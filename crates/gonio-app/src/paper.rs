@@ -1,6 +1,5 @@
 //! Runs a method of the paper, and converts its estimate to sections of the result.
 
-use gonio::estimate::ALBEDO;
 use gonio::inference::MODEL_ERROR;
 use gonio::lighting::{EnvironmentMap, LightGrid};
 use gonio::model::Model;
@@ -13,7 +12,7 @@ use crate::{AppError, ProgressLog, Settings, Warning, document};
 
 /// Result of a method of the paper.
 pub(crate) struct PaperResult {
-    /// Reflectance, of albedo [`ALBEDO`].
+    /// Reflectance, of albedo [`ALBEDO`](gonio::estimate::ALBEDO).
     pub(crate) table: BivariateTable,
     /// The light on the scale of `table`, for a blind method.
     pub(crate) light: Option<LightGrid>,
@@ -70,11 +69,10 @@ fn document_of(found: &PaperEstimate, paper: &PaperSettings, method: &str) -> Re
     let joint_map = paper.method == PaperMethod::JointMap;
     ResultDocument {
         reflectance: Reflectance {
-            normal_albedo: ALBEDO,
             coefficients: posterior.reflectance.clone(),
             sd: posterior.reflectance_sd.clone(),
             scale: Some(found.scale),
-            ..Reflectance::default()
+            ..document::reflectance(None)
         },
         light: Some(Light {
             coefficients: posterior.light.clone(),

@@ -139,7 +139,8 @@ impl PhotographSource {
         let bracket = merge_files(&paths, reading, warnings)?;
         let section = Some(bracket.section());
         let Merged { picture, clip_level, .. } = bracket.merged;
-        let (clip, space) = (clip.or(Some(clip_level)), Some(bracket.space));
+        // Unknown pixels of the merged bracket have the value `clip_level`.
+        let (clip, space) = (Some(clip.map_or(clip_level, |clip| clip.min(clip_level))), Some(bracket.space));
         Ok(Photograph { picture, clip, bracket: section, space })
     }
 }
@@ -150,7 +151,7 @@ impl PhotographSource {
 /// If the image cannot be read.
 pub fn read_picture(path: &Path, options: &ReadOptions, warnings: &mut Vec<Warning>) -> Result<Decoded, AppError> {
     let decoded = picture::read(path, options)?;
-    warnings.extend(scene_warnings(path, options, &decoded));
+    warnings.extend(reading_warnings(path, options, &decoded));
     Ok(decoded)
 }
 
@@ -165,11 +166,11 @@ pub fn decode_picture(
     warnings: &mut Vec<Warning>,
 ) -> Result<Decoded, AppError> {
     let decoded = picture::decode(name, bytes, options)?;
-    warnings.extend(scene_warnings(name, options, &decoded));
+    warnings.extend(reading_warnings(name, options, &decoded));
     Ok(decoded)
 }
 
-fn scene_warnings(path: &Path, options: &ReadOptions, decoded: &Decoded) -> Vec<Warning> {
+fn reading_warnings(path: &Path, options: &ReadOptions, decoded: &Decoded) -> Vec<Warning> {
     let name = path.display();
     let coded = match decoded.encoding {
         Encoding::Srgb { bits } => Some(Warning::new(
@@ -223,14 +224,13 @@ fn single(
         Some(bytes) => picture::decode_unconverted(path, bytes, &options)?,
         None => picture::read_unconverted(path, &options)?,
     };
+    let max = largest_code(decoded.encoding);
     if let Some(code) = reading.black_level {
-        let Encoding::Linear { bits } = decoded.encoding else {
+        let Some(max) = max else {
             let problem = "a black level applies only to linear integer images; set the option for linear values, or no black level";
             return Err(AppError::of(path.display(), problem));
         };
-        let max = 2_f64.powi(bits.into()) - 1.0;
-        check_black(code, max)?;
-        subtract_black(&mut decoded, (code / max) as f32);
+        subtract_black(&mut decoded, black_share(code, max)?);
     }
     decoded.full_scale = clip.or(decoded.full_scale);
     if let Some(flat) = &reading.flat {
@@ -241,29 +241,55 @@ fn single(
         }
         // Division by a flat field would hide this clip level.
         let level_found = decoded.full_scale.or_else(|| repeated_maximum(decoded.picture.rgb.as_slice()));
-        decoded.full_scale = flatten(&mut decoded.picture, flat, reading, level_found)?;
+        decoded.full_scale = flatten(&mut decoded.picture, flat, reading, max, level_found)?;
     }
     if decoded.encoding == Encoding::LinearFloat {
         let name = path.display().to_string();
         warnings.extend(coded_floats::warning(&name, &decoded.picture.rgb).map(Warning::from));
     }
     let decoded = decoded.into_working(path)?;
-    warnings.extend(scene_warnings(path, &options, &decoded));
+    warnings.extend(reading_warnings(path, &options, &decoded));
     let Decoded { picture, full_scale, input, .. } = decoded;
     Ok(Photograph { picture, clip: full_scale, bracket: None, space: Some(input) })
 }
 
-fn check_black(code: f64, max: f64) -> Result<(), AppError> {
-    if !(0.0..max).contains(&code) {
-        return Err(AppError::new(format!("black level {code}: must be at least 0 and less than {max}")));
-    }
-    Ok(())
+/// Returns the largest code of linear integers.
+fn largest_code(encoding: Encoding) -> Option<f64> {
+    if let Encoding::Linear { bits } = encoding { Some(2_f64.powi(bits.into()) - 1.0) } else { None }
 }
 
-fn flatten(picture: &mut Picture, path: &Path, reading: &Reading, clip: Option<f32>) -> Result<Option<f32>, AppError> {
-    let options = ReadOptions { linear: reading.linear, ..ReadOptions::default() };
-    let flat = picture::read_unconverted(path, &options)?.picture.rgb;
-    Ok(divide_by_flat(picture, &flat, path, clip)?)
+/// Returns a black level as a share of the largest code.
+fn black_share(code: f64, max: f64) -> Result<f32, AppError> {
+    let share = (code / max) as f32;
+    if !(code >= 0.0 && share < 1.0) {
+        return Err(AppError::new(format!("black level {code}: must be at least 0 and less than {max}")));
+    }
+    Ok(share)
+}
+
+/// Divides by the flat field in a file, and returns the new clip level. `max` is the largest code
+/// of a photograph of linear integers.
+fn flatten(
+    picture: &mut Picture,
+    path: &Path,
+    reading: &Reading,
+    max: Option<f64>,
+    clip: Option<f32>,
+) -> Result<Option<f32>, AppError> {
+    // The colour space also determines the curve of integer codes.
+    let Reading { linear, colour_space, .. } = *reading;
+    let options = ReadOptions { linear, colour_space, ..ReadOptions::default() };
+    let mut flat = picture::read_unconverted(path, &options)?;
+    if flat.needs_table() {
+        let problem = "the ICC profile of the flat field contains a lookup table; convert the image to a linear colour \
+                       space";
+        return Err(AppError::of(path.display(), problem));
+    }
+    // Codes of another range are not those of the same sensor.
+    if let (Some(code), Some(max)) = (reading.black_level, max.filter(|_| max == largest_code(flat.encoding))) {
+        subtract_black(&mut flat, black_share(code, max)?);
+    }
+    Ok(divide_by_flat(picture, &flat.picture.rgb, path, clip)?)
 }
 
 /// Reads and merges the exposures of a bracket.
@@ -296,7 +322,7 @@ pub fn merge_files(
         MergeSettings { align: !reading.no_align, trust_times: reading.trust_times, ..MergeSettings::default() };
     let max = exposures.first().map_or(u16::from(u8::MAX), |e| e.codes.max());
     let black = reading.black_level.unwrap_or(0.0);
-    check_black(black, max.into())?;
+    black_share(black, max.into())?;
     let linear = curve == Some(Curve::Linear) || (bracket.linear && curve.is_none());
     if reading.black_level.is_some() && !linear {
         let problem = "applies only to linear exposures; use linear exposures, or specify no black level";
@@ -311,7 +337,7 @@ pub fn merge_files(
         merge(exposures, given.as_ref(), &settings).map_err(|error| AppError::of_bracket(names(), &error))?;
     merged.picture.alpha = bracket.alpha.clone();
     if let Some(path) = &reading.flat {
-        let level = flatten(&mut merged.picture, path, reading, Some(merged.clip_level))?;
+        let level = flatten(&mut merged.picture, path, reading, linear.then_some(max.into()), Some(merged.clip_level))?;
         merged.clip_level = level.unwrap_or(merged.clip_level);
     }
     let whole = std::mem::replace(&mut merged.picture, Picture { rgb: Plane::from_vec(0, 0, Vec::new()), alpha: None });

@@ -41,7 +41,7 @@ pub struct LightProbe {
     /// the map with its filled parts.
     pub picture: Plane<Vec3>,
     /// Numbers by name.
-    pub notes: Value,
+    pub document: Value,
     /// Warnings.
     pub warnings: Vec<Warning>,
 }
@@ -73,11 +73,11 @@ pub fn light_probe(mirror: ProbePhotographs, progress_log: &ProgressLog<'_>) -> 
     let all = || std::iter::once(&first).chain(second.as_ref().map(|(source, _)| source));
     let names = all().map(|source| source.name.clone()).collect::<Vec<_>>().join(" and ");
     for source in all() {
-        warnings.extend(source.view.scene_warnings().iter().map(|scene_warning| warning(&source.name, scene_warning)));
+        warnings.extend(source.view.warnings().iter().map(|found| warning(&source.name, found)));
     }
-    let mut notes = json!({ "photograph": first.notes() });
+    let mut document = json!({ "photograph": first.document() });
     if let Some((second, _)) = &second {
-        notes["second"] = second.notes();
+        document["second"] = second.document();
     }
     let (name, first) = (first.name, first.view);
     let second =
@@ -91,17 +91,17 @@ pub fn light_probe(mirror: ProbePhotographs, progress_log: &ProgressLog<'_>) -> 
         };
         error.suggestions().into_iter().fold(problem, AppError::with)
     })?;
-    warnings.extend(found.report.scene_warnings().iter().map(|scene_warning| warning(&names, scene_warning)));
-    if let (Some(notes), Value::Object(report)) = (notes.as_object_mut(), json!(found.report)) {
-        notes.extend(report);
+    warnings.extend(found.report.warnings().iter().map(|found| warning(&names, found)));
+    if let (Some(document), Value::Object(report)) = (document.as_object_mut(), json!(found.report)) {
+        document.extend(report);
     }
     let views: Vec<&View> = std::iter::once(&first).chain(second.as_ref().map(|second| &second.view)).collect();
     let picture = draw(&views, &found);
-    Ok(LightProbe { light: found.light.radiance().clone(), coverage: found.coverage, picture, notes, warnings })
+    Ok(LightProbe { light: found.light.radiance().clone(), coverage: found.coverage, picture, document, warnings })
 }
 
-fn warning(name: &str, odd: &ProbeWarning) -> Warning {
-    Warning::from(format!("{name}: {odd}"))
+fn warning(name: &str, found: &ProbeWarning) -> Warning {
+    Warning::from(format!("{name}: {found}"))
 }
 
 /// Returns the suggestion for the second photograph that corresponds to one for the first.
@@ -144,9 +144,9 @@ impl ObservedBall {
     }
 
     /// Returns the detected ball and the status of its pixels.
-    fn notes(&self) -> Value {
+    fn document(&self) -> Value {
         let ball = self.view.ball();
-        let mut notes = json!({
+        let mut document = json!({
             "image": self.name,
             "radius_pixels": ball.pixels(),
             "used": self.view.count(&[PixelStatus::Used, PixelStatus::Clipped]),
@@ -155,20 +155,20 @@ impl ObservedBall {
             "rim": self.view.count(&[PixelStatus::Edge]),
         });
         match ball.circle() {
-            Some(circle) => notes["circle"] = json!(result::Circle::from(circle)),
+            Some(circle) => document["circle"] = json!(result::Circle::from(circle)),
             None => {
                 let (centre, radius) = ball.sphere();
-                notes["ball"] = json!({ "centre": centre.to_array(), "radius": radius });
+                document["ball"] = json!({ "centre": centre.to_array(), "radius": radius });
             }
         }
         if let Some(space) = &self.space {
-            notes["colorspace"] = json!({
+            document["colorspace"] = json!({
                 "input": space.name, "source": space.source.words(), "clamped_pixels": space.clamped,
             });
         }
         if let Some(bracket) = &self.bracket {
-            notes["bracket"] = json!(bracket);
+            document["bracket"] = json!(bracket);
         }
-        notes
+        document
     }
 }

@@ -35,6 +35,17 @@ impl AppError {
         Self { suggestions: error.suggestions(), ..Self::of(name, error) }
     }
 
+    /// Suggests a mask instead of a circle.
+    #[must_use]
+    pub(crate) fn without_circles(mut self) -> Self {
+        let all = self.suggestions.len();
+        self.suggestions.retain(|suggestion| !matches!(suggestion, Suggestion::Outline | Suggestion::OneOf(_)));
+        if self.suggestions.len() < all && !self.suggestions.contains(&Suggestion::Mask) {
+            self.suggestions.push(Suggestion::Mask);
+        }
+        self
+    }
+
     /// Creates an error about a bracket, with its suggestions.
     pub fn of_bracket(name: impl Display, error: &BracketError) -> Self {
         Self { suggestions: error.suggestions(), ..Self::of(name, error) }
@@ -156,7 +167,7 @@ mod tests {
     fn the_page_of_warnings_describes_every_warning() {
         use gonio::estimate::{Diagnostic as D, MisfitCause};
         use gonio::scene::SceneWarning as W;
-        let misfit = |reason| D::Misfit { misfit: 0.3, expected: 0.1, reason };
+        let misfit = |cause| D::Misfit { misfit: 0.3, expected: 0.1, cause };
         let diagnostics = [
             D::Filled(0.5),
             D::OutOfDistribution(0.5),

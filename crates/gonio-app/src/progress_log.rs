@@ -10,7 +10,7 @@ pub struct ProgressLog<'a> {
 }
 
 impl<'a> ProgressLog<'a> {
-    /// Creates a progress_log and begins its first stage. `listener` receives the name of the stage
+    /// Creates a log and begins its first stage. `listener` receives the name of the stage
     /// and the completed fraction of it, in 0..=1.
     pub fn new(stage: &'static str, listener: &'a (dyn Fn(&'static str, f64) + Sync)) -> Self {
         Self { listener, begun: Mutex::new(vec![(stage, Instant::now())]) }

@@ -12,8 +12,7 @@ use gonio_io::result::{self, REGIONS_FORMAT, RegionEntry, RegionsDocument, VERSI
 use gonio_report::combined::{Shown, side_by_side};
 use gonio_report::regions::{outlined, page};
 
-use crate::answer::{InferenceContext, InferenceResult, MethodResult, assemble, of_one, solve};
-use crate::mask::disk_of;
+use crate::inference::{InferenceContext, InferenceResult, MethodResult, assemble, of_one, solve};
 use crate::reference::Reference;
 use crate::results::{MATERIALS, REPORT, RESULT};
 use crate::scene::{LoadedScene, RegionMask};
@@ -180,8 +179,8 @@ fn of_regions(
                 .map_err(|problem| problem.within(&format!("region {}", part.name)))?,
         };
         let found = found.scaled_by_reference(&observed, name, &mut own);
-        let answer = assemble(context, observed, found, name, settings, own, progress_log);
-        results.push(Region { name: part.name.clone(), result: answer, relative_albedo });
+        let result = assemble(context, observed, found, name, settings, own, progress_log);
+        results.push(Region { name: part.name.clone(), result, relative_albedo });
     }
     Ok(RegionsResult::of(name, scene.picture(), &parts, results, &warnings, settings))
 }
@@ -193,8 +192,7 @@ pub(crate) fn region_masks(scene: &LoadedScene, regions: &Regions) -> Result<Vec
     let ball = |at: usize, mask: Plane<f32>, object| RegionMask { name: (at + 1).to_string(), mask, object };
     match regions {
         Regions::Labels(source) => {
-            let inside = mask.or(picture.alpha.as_ref());
-            let labels = read_labels(source, size, name)?;
+            let inside = mask.or(picture.varying_alpha());
             // All regions of a ball share its outline.
             let object = match &scene.object {
                 Object::Sphere(None) => {
@@ -208,6 +206,7 @@ pub(crate) fn region_masks(scene: &LoadedScene, regions: &Regions) -> Result<Vec
                 }
                 object => object.clone(),
             };
+            let labels = read_labels(source, size, name)?;
             let part = |(name, own): (String, Plane<bool>)| {
                 let mask = Plane::from_fn(size.0, size.1, |x, y| {
                     if own[(x, y)] { inside.map_or(1.0, |mask| mask[(x, y)]) } else { 0.0 }
@@ -217,8 +216,12 @@ pub(crate) fn region_masks(scene: &LoadedScene, regions: &Regions) -> Result<Vec
             Ok(labels.into_iter().map(part).collect())
         }
         Regions::Circles(_) if scene.camera.is_some() => Err(AppError::new(CIRCLE_AND_CAMERA)),
+        Regions::Circles(circles) if circles.len() > MAX_REGIONS => {
+            let problem = format!("{} circles: the limit is {MAX_REGIONS}; use fewer", circles.len());
+            Err(AppError::of(name, problem))
+        }
         Regions::Circles(circles) => {
-            let of = |(at, circle): (usize, &Circle)| ball(at, disk_of(circle, size), Object::Sphere(Some(*circle)));
+            let of = |(at, circle): (usize, &Circle)| ball(at, circle.coverage(size), Object::Sphere(Some(*circle)));
             Ok(circles.iter().enumerate().map(of).collect())
         }
         Regions::Balls => {
@@ -235,6 +238,10 @@ pub(crate) fn region_masks(scene: &LoadedScene, regions: &Regions) -> Result<Vec
         }
     }
 }
+
+/// Largest distance of a label from an 8-bit code, in codes: more than rounding, and less than one
+/// code of 16 bits.
+const MAX_CODE_ERROR: f32 = 1e-3;
 
 /// Reads an image of labels. Returns the name of each label, and the pixels whose neighbours all
 /// have the same label.
@@ -258,7 +265,14 @@ fn read_labels(
             format!("the labels are {w}x{h} pixels, but {image} is {pw}x{ph}; use labels of the same size"),
         ));
     }
-    let code = |v: Vec3| v.to_array().map(|v| (v.clamp(0.0, 1.0) * 255.0).round() as u8);
+    // Rounding would merge the indices of other formats: 1 and 2 of 16 bits are 0 of 8 bits.
+    let is_code = |v: f32| (0.0..=1.0).contains(&v) && (v * 255.0 - (v * 255.0).round()).abs() < MAX_CODE_ERROR;
+    if !labels.as_slice().iter().all(|v| v.to_array().into_iter().all(is_code)) {
+        let problem = "contains values that are not 8-bit codes; save the labels as an 8-bit image, with an index (1 to \
+                       255) or a colour for each region";
+        return Err(AppError::of(name, problem));
+    }
+    let code = |v: Vec3| v.to_array().map(|v| (v * 255.0).round() as u8);
     let codes = labels.map(|v| code(*v));
     let mut counts: BTreeMap<[u8; 3], usize> = BTreeMap::new();
     codes.as_slice().iter().filter(|code| **code != [0; 3]).for_each(|code| *counts.entry(*code).or_default() += 1);
@@ -337,7 +351,7 @@ impl RegionsResult {
             let name =
                 |region: &Region| Some(region.result.material.as_ref()?.posterior.neighbours.first()?.name.clone());
             let nearest: Vec<Option<String>> = regions.iter().map(name).collect();
-            page(image, overview, &document.regions, &nearest)
+            page(image, overview, &document, &nearest)
         });
         Self { regions, document, overview, page }
     }

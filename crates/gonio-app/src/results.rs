@@ -18,6 +18,7 @@ use gonio_report::{summary, uncertainty};
 use rayon::prelude::*;
 
 use crate::InferenceResult;
+use crate::folder::is_plain;
 use crate::spaces::from_rec709;
 
 /// The BRDF with its quantiles ([`gonio_io::result_brdf`]).
@@ -80,7 +81,9 @@ pub fn regions_in(dir: &Path) -> Result<Vec<(String, PathBuf)>, Error> {
     let file = dir.join(RESULT);
     match file.is_file().then(|| result::read(&file)).transpose()? {
         Some(ResultFile::Regions(document)) => {
-            Ok(document.regions.into_iter().map(|region| (region.name, dir.join(region.folder))).collect())
+            // Names from the file must not lead out of the folder.
+            let inside = document.regions.into_iter().filter(|r| is_plain(&r.folder) && is_plain(&r.name));
+            Ok(inside.map(|region| (region.name, dir.join(region.folder))).collect())
         }
         _ => Ok(Vec::new()),
     }
@@ -159,9 +162,11 @@ impl InferenceResult {
     }
 
     /// Converts an estimated light to a lat-long map, on the scale of the BRDF in the files.
+    /// Negative radiance, which the methods of the paper allow, becomes zero, so that the map is an
+    /// environment map.
     pub fn lat_long(&self, light: &LightGrid) -> Plane<Vec3> {
         let factor = self.scale.recip() as f32;
-        light.to_lat_long(LIGHT_ROWS).map(|radiance| factor * *radiance)
+        light.to_lat_long(LIGHT_ROWS).map(|radiance| (factor * *radiance).max(Vec3::ZERO))
     }
 
     /// Returns the reflectance of each pixel relative to that of the estimated paint, if the object

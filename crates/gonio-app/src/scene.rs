@@ -169,7 +169,7 @@ impl LoadedScene {
         };
         let settings = ObservationSettings { clip: *clip, keep_colours, force, ..settings };
         let mut detection = Detection::of(picture, mask, object, &settings).map_err(|error| names.to_error(&error))?;
-        warnings.extend(detection.scene_warnings.iter().map(|odd| names.warn(odd)));
+        warnings.extend(detection.scene_warnings.iter().map(|warning| names.warn(warning)));
         if let Some(grid) = shadows.filter(|_| detection.placed.is_some()) {
             progress_log.report("shadows", 0.0);
             detection.shadow(grid, &|x| progress_log.report("shadows", x)).map_err(|error| names.to_error(&error))?;
@@ -233,7 +233,9 @@ pub(crate) struct InputNames {
     /// Whether the shape is a normal map, to which the mask belongs.
     by_normals: bool,
     /// The depth or position map.
-    places: Option<String>,
+    positions: Option<String>,
+    /// Whether the shape is a ball, whose outline the user can specify.
+    takes_circle: bool,
 }
 
 impl InputNames {
@@ -243,7 +245,8 @@ impl InputNames {
             mask: mask.map(|mask| mask.name(UNNAMED_MASK)),
             shape: shape.name(),
             by_normals: matches!(shape.kind, crate::ShapeKind::Normals(_)),
-            places: shape.places(),
+            positions: shape.positions_name(),
+            takes_circle: matches!(shape.kind, crate::ShapeKind::Sphere(_)) && shape.camera.is_none(),
         }
     }
 
@@ -264,7 +267,8 @@ impl InputNames {
 
     /// Returns the error, with the faulty input.
     fn to_error(&self, error: &SceneError) -> AppError {
-        AppError::of_scene(self.origin(error), error)
+        let error = AppError::of_scene(self.origin(error), error);
+        if self.takes_circle { error } else { error.without_circles() }
     }
 
     /// Returns the name of the faulty input.
@@ -273,13 +277,13 @@ impl InputNames {
             // An error in the outline concerns the input from which it was detected.
             error if error.is_of_outline() => self.mask.as_ref().unwrap_or(&self.image).clone(),
             SceneError::Contradiction(_) => self.shape.as_ref().unwrap_or(&self.image).clone(),
-            SceneError::PositionMap(_) => self.places.as_ref().unwrap_or(&self.image).clone(),
+            SceneError::PositionMap(_) => self.positions.as_ref().unwrap_or(&self.image).clone(),
             _ => self.whole(),
         }
     }
 
-    pub(crate) fn warn(&self, odd: &SceneWarning) -> Warning {
-        let text = match odd {
+    pub(crate) fn warn(&self, warning: &SceneWarning) -> Warning {
+        let text = match warning {
             SceneWarning::UnknownSemiAxis(_)
             | SceneWarning::Outline(_)
             | SceneWarning::Clipped { .. }
@@ -289,13 +293,13 @@ impl InputNames {
             | SceneWarning::Isolated { .. }
             | SceneWarning::OtherColour { .. }
             | SceneWarning::Pattern { .. } => {
-                format!("{}: {odd}", self.image)
+                format!("{}: {warning}", self.image)
             }
             SceneWarning::Contradiction(_) | SceneWarning::FlatBackground { .. } => {
-                format!("{}: {odd}", self.shape.as_ref().unwrap_or(&self.image))
+                format!("{}: {warning}", self.shape.as_ref().unwrap_or(&self.image))
             }
-            SceneWarning::Misaligned { .. } | SceneWarning::BackFacing { .. } => format!("{}: {odd}", self.whole()),
+            SceneWarning::Misaligned { .. } | SceneWarning::BackFacing { .. } => format!("{}: {warning}", self.whole()),
         };
-        Warning::new(text, odd.suggestions())
+        Warning::new(text, warning.suggestions())
     }
 }

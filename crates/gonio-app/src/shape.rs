@@ -46,7 +46,7 @@ pub struct Shape {
     pub pose: Option<Source<Vec<u8>>>,
 }
 
-/// BuiltInShape of an object.
+/// Shape of an object.
 #[derive(Clone, Debug)]
 pub enum ShapeKind {
     /// Ball with this outline; detected if `None`.
@@ -106,7 +106,7 @@ impl Shape {
     }
 
     /// Returns the name of the depth or position map in messages.
-    pub(crate) fn places(&self) -> Option<String> {
+    pub(crate) fn positions_name(&self) -> Option<String> {
         match &self.kind {
             ShapeKind::Normals(normals) => normals.positions.as_ref().map(PositionSource::name),
             _ => None,
@@ -198,9 +198,9 @@ impl NormalMap {
         let normals = if self.correction.is_none() { normals } else { self.correction.apply_to(&normals) };
         let (relief, geometry) = match self.positions {
             None => (None, None),
-            Some(places) => {
-                let name = places.name();
-                (Some(places.read(&name, image, camera, size)?), Some(name))
+            Some(source) => {
+                let name = source.name();
+                (Some(source.read(&name, image, camera, size)?), Some(name))
             }
         };
         let picture = NormalPicture { normals, camera, relief, trusted: self.trusted, error: self.error };
@@ -224,7 +224,7 @@ impl PositionSource {
         camera: Option<Camera>,
         size: (usize, usize),
     ) -> Result<PositionMap, AppError> {
-        let (places, camera) = match self {
+        let (positions, camera) = match self {
             Self::Depth(depth, range, kind) => {
                 let depth = match depth {
                     Source::Memory(depth) => depth,
@@ -233,27 +233,27 @@ impl PositionSource {
                 // Without a camera, depths are in pixels.
                 let unit = || Camera::new(Projection::Orthographic { pixels_per_unit: 1.0 }, (0.0, 0.0), size);
                 let camera = camera.map_or_else(unit, Ok).map_err(|error| AppError::of(image, error))?;
-                let places = positions_of_depth(&depth, &camera, kind).map_err(|error| AppError::of(name, error))?;
-                (places, camera)
+                let positions = positions_of_depth(&depth, &camera, kind).map_err(|error| AppError::of(name, error))?;
+                (positions, camera)
             }
             Self::Positions(positions) => {
                 let Some(camera) = camera else {
                     return Err(AppError::of(name, "a position map requires a camera").with(Suggestion::Camera));
                 };
-                let places = match positions {
-                    Source::Memory(places) => places,
+                let positions = match positions {
+                    Source::Memory(plane) => plane,
                     Source::File(path) => read_positions(&path)?,
                 };
-                (places, camera)
+                (positions, camera)
             }
         };
-        if places.size() != size {
-            let ((w, h), (pw, ph)) = (places.size(), size);
+        if positions.size() != size {
+            let ((w, h), (pw, ph)) = (positions.size(), size);
             return Err(AppError::new(format!(
                 "{name} is {w}x{h} pixels, but {image} is {pw}x{ph}; use images of the same size"
             )));
         }
-        Ok(PositionMap { positions: places, camera })
+        Ok(PositionMap { positions, camera })
     }
 }
 
@@ -271,7 +271,7 @@ fn pose_mesh(
         Source::File(path) => gonio_io::mesh::read_shape(&path)?,
     };
     // Warnings about a mesh in memory already start with its name.
-    let complaint = |odd: String| if odd.starts_with(&name) { odd } else { format!("{name}: {odd}") };
+    let complaint = |text: String| if text.starts_with(&name) { text } else { format!("{name}: {text}") };
     warnings.extend(defects.describe().map(complaint).map(Warning::from));
     let mesh = match pose {
         None => mesh,

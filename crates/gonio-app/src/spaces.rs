@@ -127,9 +127,9 @@ fn converted([red, green, blue]: [&[f32]; 3], matrix: DMat3) -> ([Vec<f32>; 3], 
     (out, clamped)
 }
 
-/// Reads a BRDF in the MERL or RGL format and converts it to linear Rec. 709. These files do not
-/// state their colour space; `result.json` or `export.json` beside them does if gonio wrote them.
-/// The default is Rec. 709.
+/// Reads a BRDF in any format of [`gonio_io::brdf`] and converts it to linear Rec. 709. Such files
+/// do not state their colour space; `result.json` or `export.json` beside them does if gonio wrote
+/// them. The default is Rec. 709.
 ///
 /// # Errors
 /// See [`gonio_io::brdf::read`]; also if the JSON file is damaged.

@@ -75,7 +75,8 @@ fn warns_about_many_outliers() {
     let detection = sphere(&picture);
     let found = detection.observations.report.outliers;
     assert!((95..=100).contains(&found), "{found}");
-    let warned = |odd: &SceneWarning| matches!(odd, SceneWarning::Outliers { outliers, .. } if *outliers == found);
+    let warned =
+        |warning: &SceneWarning| matches!(warning, SceneWarning::Outliers { outliers, .. } if *outliers == found);
     assert!(detection.scene_warnings.iter().any(warned), "{:?}", detection.scene_warnings);
 }
 

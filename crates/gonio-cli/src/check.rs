@@ -88,7 +88,7 @@ pub(crate) fn run(options: &CheckOptions) -> Result<Outcome> {
     line.finish();
     let output = output.display().to_string();
     let text = format!("{}see {output}", describe(&checked, &name));
-    let mut fields = checked.notes();
+    let mut fields = checked.document();
     fields["output"] = json!(output);
     fields["image"] = json!(name);
     Ok(Outcome::new(text, fields).described_warnings(suggestion::worded(&checked.warnings)))

@@ -32,15 +32,15 @@ pub(crate) fn run(options: &CombineOptions) -> Result<Outcome> {
     let given = combine::read_posteriors(&options.folders).map_err(plain)?;
     let (model, name) = input::model(options.model.as_deref())?;
     let folder = for_results(&options.output)?;
-    let answer = combine::combine((&model, &name), &given, &progress_log).map_err(plain)?;
+    let combined = combine::combine((&model, &name), &given, &progress_log).map_err(plain)?;
     progress_log.report("writing", 0.0);
-    folder.fill(&answer.files().encode())?;
+    folder.fill(&combined.files().encode())?;
     line.finish();
     let output = options.output.display().to_string();
     let text = format!(
         "{output}: BRDF, pictures and report.html from {} photographs\n{}",
         given.len(),
-        answer.material.verdict()
+        combined.material.verdict()
     );
-    Ok(Outcome::of_result(text, &output, &answer.document))
+    Ok(Outcome::of_result(text, &output, &combined.document))
 }

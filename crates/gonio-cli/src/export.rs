@@ -10,7 +10,7 @@ use gonio::reflectance::BivariateTable;
 use gonio_app::Spaces;
 use gonio_app::draws::{self, DrawsError};
 use gonio_app::export::{DRAWS, Export, Target, is_absolute, light_of_results, roughness_of_results};
-use gonio_app::folder::{EXPORT, for_exports};
+use gonio_app::folder::{EXPORT, for_exports, holds_results};
 use gonio_app::results::{BRDF, brdf_in, regions_in};
 use gonio_io::posterior::FILE;
 use gonio_io::result::ExportEntry;
@@ -105,6 +105,12 @@ pub(crate) fn run(options: &ExportOptions) -> Result<Outcome> {
         None if is_folder => options.input.join(EXPORT),
         None => bail!("a BRDF file has no default output folder; specify one with -o DIR"),
     };
+    if holds_results(&output) {
+        bail!(
+            "{}: contains results of gonio infer, whose light the export would replace; specify another folder with -o DIR",
+            output.display()
+        );
+    }
     let named = options.name.clone().or_else(|| {
         let of = if is_folder { options.input.file_name() } else { file.file_stem() };
         of.map(|name| name.to_string_lossy().into_owned())

@@ -334,10 +334,12 @@ impl InferOptions {
             }
             return Ok(output);
         };
-        if let Some(image) = self.scene.images.iter().find(|image| would_replace(output, image)) {
+        let mut inputs = self.scene.input_files();
+        inputs.extend(self.light.iter().chain(&self.model));
+        if let Some(input) = inputs.into_iter().find(|input| would_replace(output, input)) {
             bail!(
-                "{}: results in {} would overwrite this photograph; specify another folder",
-                image.display(),
+                "{}: results in {} would overwrite this input; specify another folder",
+                input.display(),
                 output.display()
             );
         }
@@ -365,9 +367,9 @@ pub(crate) fn run(options: &InferOptions) -> Result<Outcome> {
     let output = options.folder()?;
     let folder = for_results(&output)?;
     let (scene, regions) = (options.scene.scene()?, options.scene.regions());
-    let inferred = infer_all((&model, &name), scene, regions.as_ref(), &settings, &progress_log).map_err(plain)?;
-    let answer = match inferred {
-        InferenceOutcome::Material(answer) => answer,
+    let outcome = infer_all((&model, &name), scene, regions.as_ref(), &settings, &progress_log).map_err(plain)?;
+    let inferred = match outcome {
+        InferenceOutcome::Material(inferred) => inferred,
         InferenceOutcome::Regions(several) => {
             let outcome = write_regions(&several, folder, &progress_log, start);
             line.finish();
@@ -375,7 +377,7 @@ pub(crate) fn run(options: &InferOptions) -> Result<Outcome> {
         }
     };
     progress_log.report("writing", 0.0);
-    folder.fill(&answer.files().encode())?;
+    folder.fill(&inferred.files().encode())?;
     line.finish();
     let output = output.display().to_string();
     let files = match (settings.pictures, settings.report) {
@@ -385,17 +387,17 @@ pub(crate) fn run(options: &InferOptions) -> Result<Outcome> {
     };
     let mut text = format!(
         "{output}: BRDF, {files} from {} pixels in {:.1} s",
-        answer.scene.detection.observations.report.used_pixels,
+        inferred.scene.detection.observations.report.used_pixels,
         start.elapsed().as_secs_f64()
     );
-    if let Some(sureness) = answer.scene.detection.reliability {
-        text += &format!("\nball {sureness}");
+    if let Some(reliability) = inferred.scene.detection.reliability {
+        text += &format!("\nball {reliability}");
     }
-    if let Some(material) = &answer.material {
+    if let Some(material) = &inferred.material {
         text += &format!("\n{}", material.verdict());
     }
-    text += &albedo_by_reference(answer.document.reference.as_ref());
-    Ok(Outcome::of_result(text, &output, &answer.document).described_warnings(answer.warnings))
+    text += &albedo_by_reference(inferred.document.reference.as_ref());
+    Ok(Outcome::of_result(text, &output, &inferred.document).described_warnings(inferred.warnings))
 }
 
 /// Returns the line on the albedo from a reference; empty if there is no reference with a scale.
@@ -425,7 +427,7 @@ fn write_regions(
         let verdict = region.verdict.as_deref().unwrap_or("no interval");
         text += &format!("\nregion {}: {verdict}", region.name);
     }
-    let mut warnings: Vec<String> = Vec::new();
+    let mut warnings = several.document.warnings.clone();
     for region in &several.regions {
         warnings.extend(region.result.warnings.iter().map(|warning| format!("region {}: {warning}", region.name)));
     }

@@ -42,7 +42,7 @@ pub(crate) fn name(files: &[PathBuf]) -> String {
 }
 
 /// Opens a photograph from files or from standard input.
-pub(crate) fn shots(files: &[PathBuf]) -> Result<PhotographSource> {
+pub(crate) fn photograph_source(files: &[PathBuf]) -> Result<PhotographSource> {
     if !files.iter().any(|file| is_stdin(file)) {
         return Ok(PhotographSource::Files(files.to_vec()));
     }

@@ -100,7 +100,7 @@ impl LightOptions {
         let reading: Reading = self.reading.reading();
         Ok(Scene {
             name: input::name(files),
-            photograph: input::shots(files)?,
+            photograph: input::photograph_source(files)?,
             reading,
             clip: self.clip,
             mask: mask.cloned().map(Source::File),
@@ -137,9 +137,9 @@ pub(crate) fn run(options: &LightOptions) -> Result<Outcome> {
     let (map, picture) = probe.encode(options.space.space());
     let drawn = output.with_extension("light.png");
     write_all(&[(output.clone(), map), (drawn.clone(), picture)])?;
-    let notes = &probe.notes;
+    let document = &probe.document;
     let number = |value: &serde_json::Value| value.as_f64().unwrap_or_default();
-    let views = &notes["views"];
+    let views = &document["views"];
     let second = if views.is_object() {
         format!(
             "; second view at {:.1} degrees ({}), views differ by {:.1} %",
@@ -156,15 +156,15 @@ pub(crate) fn run(options: &LightOptions) -> Result<Outcome> {
         output.display(),
         probe.light.width(),
         probe.light.height(),
-        number(&notes["photograph"]["radius_pixels"]),
+        number(&document["photograph"]["radius_pixels"]),
         options.reflectance,
-        100.0 * number(&notes["unseen"]),
+        100.0 * number(&document["unseen"]),
         drawn.display(),
     );
     let fields = json!({ "output": output.display().to_string(), "picture": drawn.display().to_string() });
     let mut outcome = Outcome::new(text, fields).warning(suggestion::worded(&probe.warnings));
-    if let serde_json::Value::Object(notes) = probe.notes {
-        outcome.fields.extend(notes);
+    if let serde_json::Value::Object(document) = probe.document {
+        outcome.fields.extend(document);
     }
     outcome.fields.insert("colorspace".into(), json!({ "output": options.space.space().name() }));
     Ok(outcome)

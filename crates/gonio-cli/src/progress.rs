@@ -34,9 +34,9 @@ pub(crate) enum Verbosity {
 static VERBOSITY: OnceLock<Verbosity> = OnceLock::new();
 
 /// Sets the amount of output, once.
-pub(crate) fn set_verbosity(talk: Verbosity) {
+pub(crate) fn set_verbosity(verbosity: Verbosity) {
     // The first call takes effect.
-    let _ = VERBOSITY.set(talk);
+    let _ = VERBOSITY.set(verbosity);
 }
 
 fn verbosity() -> Verbosity {

@@ -73,6 +73,11 @@ fn parse_times(text: &str) -> Result<Times, String> {
 }
 
 impl ReadingOptions {
+    /// The file of the flat field.
+    pub(crate) fn flat(&self) -> &Option<PathBuf> {
+        &self.flat
+    }
+
     /// Returns the colour space of files that state none.
     pub(crate) fn colour_space(&self) -> Option<ColourSpace> {
         self.colorspace.map(|name| name.0)

@@ -1,6 +1,6 @@
 //! `gonio render` renders a sphere or a mesh with a BRDF under an environment map.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
 use glam::Vec3;
@@ -11,6 +11,7 @@ use gonio::render::{
     render_surfaces,
 };
 use gonio_app::draws;
+use gonio_app::results::brdf_in;
 use gonio_io::atomic::write_file;
 use gonio_io::colour_space::ColourSpace;
 use rayon::prelude::*;
@@ -26,8 +27,8 @@ use crate::surface::SurfaceOptions;
 /// Options of `gonio render`.
 #[derive(clap::Args)]
 pub(crate) struct RenderOptions {
-    /// BRDF: of a result folder, a MERL table or an RGB file of the RGL database
-    #[arg(long, value_name = "FILE.npz|FILE.binary|FILE.bsdf|FILE.mbsdf|FILE.csv")]
+    /// BRDF: of a result folder, or a file of MERL, RGL, MDL (.mbsdf) or CSV
+    #[arg(long, value_name = "DIR|FILE.npz|FILE.binary|FILE.bsdf|FILE.mbsdf|FILE.csv")]
     brdf: PathBuf,
     /// Render N materials drawn from the posterior, to show the uncertainty (5 to 500)
     ///
@@ -169,10 +170,10 @@ const MAX_GIGABYTES: f64 = 4.0;
 impl RenderOptions {
     /// Draws from the posterior in the folder of --brdf, from dull to glossy.
     fn drawn(&self, count: usize) -> Result<Vec<[BivariateTable; 3]>> {
-        let folder = match self.brdf.parent() {
-            Some(parent) if !self.brdf.is_dir() => parent,
-            _ => &self.brdf,
-        };
+        let is_empty = |path: &&Path| path.as_os_str().is_empty();
+        let parent = self.brdf.parent().filter(|path| !is_empty(path)).unwrap_or(Path::new("."));
+        let inside = brdf_in(parent).filter(|inside| inside.file_name() == self.brdf.file_name());
+        let folder = if inside.is_some() { parent } else { &self.brdf };
         let (model, name) = input::model(self.model.as_deref())?;
         draws::of_result(folder, (&model, &name), count, self.seed).map_err(|error| plain(error.into_inner()))
     }

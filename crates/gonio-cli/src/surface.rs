@@ -25,6 +25,11 @@ pub(crate) struct SurfaceOptions {
 }
 
 impl SurfaceOptions {
+    /// The files of the options.
+    pub(crate) fn files(&self) -> [&Option<PathBuf>; 3] {
+        [&self.mesh, &self.pose, &self.camera]
+    }
+
     /// Returns the mesh with its pose and camera, if --mesh is given.
     pub(crate) fn mesh(&self) -> Option<Shape> {
         let file = |path: &Option<PathBuf>| path.clone().map(Source::File);

@@ -1,4 +1,4 @@
-//! `gonio train` trains the priors of light and reflectance on measured data.
+//! `gonio train` trains the parts of a model on measured data.
 
 use std::cell::RefCell;
 use std::path::{Path, PathBuf};
@@ -231,7 +231,7 @@ fn lighting(options: &TrainLightingOptions) -> Result<Outcome> {
         MapName::PraunHoppe => OctahedralMap::PraunHoppe,
     };
     let TrainLightingOptions { grid, turns, cap, seed, .. } = *options;
-    let settings = LightingSettings { grid, map, rotations: turns as usize, max_radiance: cap, seed };
+    let settings = LightingSettings { grid, map, turns: turns as usize, cap, seed };
     let lights = Lights::Folder(options.dir.clone());
     let (prior, provenance) = learn(|progress| training::lighting(&lights, &settings, progress))?;
     write_file(&options.output, &encode_lighting(&prior, &provenance))?;

@@ -17,7 +17,7 @@ use gonio::gloss::GgxWidths;
 use gonio::inference::learnt::peak_to_body;
 use gonio::reflectance::{BivariateTable, THETA_D, brdf_scale, theta_d_of, theta_h_of, trusted_cells};
 
-use crate::colour::{ColourEstimator, Subject, photographs, subjects};
+use crate::colour::{ColourEstimator, Subject, photographs, subjects, train_colours};
 use crate::data::{Lights, ModelOption};
 
 /// Ends of the bands of half angle, in degrees.
@@ -52,6 +52,9 @@ pub(crate) struct CalibrationOptions {
     /// Use only every N-th material
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
     every: u32,
+    /// Train the colours in every N-th training light
+    #[arg(long, default_value_t = 6, value_parser = clap::value_parser!(u32).range(1..))]
+    stride: u32,
     /// Index of the first of these materials
     #[arg(long, default_value_t = 0)]
     first: usize,
@@ -103,7 +106,8 @@ const CELL_STEP: usize = 7;
 const GROUPS: [&str; 3] = ["measured_extra", "rgl", "formulas"];
 
 pub(crate) fn run(data: &Path, options: &CalibrationOptions) -> Result<()> {
-    let model = options.model.read()?;
+    let mut model = options.model.read()?;
+    train_colours(&mut model, data, options.stride)?;
     let subjects: Vec<Subject> =
         subjects(data)?.into_iter().skip(options.first).step_by(options.every as usize).collect();
     let lights = if options.test { Lights::open(data)? } else { Lights::training(data)? };

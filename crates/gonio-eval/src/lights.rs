@@ -177,8 +177,8 @@ fn error(estimate: &[f64], truth: &[f64]) -> Distance {
     let inner = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
     let relative = |a: &[f64], b: &[f64]| {
         let s = inner(a, b) / inner(a, a).max(1e-300);
-        let left: f64 = a.iter().zip(b).map(|(a, b)| (s * a - b).powi(2)).sum();
-        (left / inner(b, b)).sqrt()
+        let residual: f64 = a.iter().zip(b).map(|(a, b)| (s * a - b).powi(2)).sum();
+        (residual / inner(b, b)).sqrt()
     };
     let cube_root = |x: &[f64]| x.iter().map(|x| x.cbrt()).collect::<Vec<f64>>();
     let log = |x: &[f64]| {
@@ -241,12 +241,12 @@ fn summary(records: &[Record]) -> String {
                 format!("{:.3} ({:.3})", median(values.clone()), mean(&values))
             };
             let wins = rows.iter().zip(&base).filter(|(a, b)| a.error.cube_root < b.error.cube_root).count();
-            let settled = rows.iter().filter(|r| r.converged).count();
+            let converged = rows.iter().filter(|r| r.converged).count();
             let slowest = rows.iter().map(|r| r.seconds).fold(0.0, f64::max);
             let seconds: Vec<f64> = rows.iter().map(|r| r.seconds).collect();
             let _ = writeln!(
                 out,
-                "| {given} | {method} | {} | {} | {} | {} | {wins} of {} | {settled} | {:.2} ({slowest:.2}) |",
+                "| {given} | {method} | {} | {} | {} | {} | {wins} of {} | {converged} | {:.2} ({slowest:.2}) |",
                 both(&|r| r.error.relative),
                 both(&|r| r.error.cube_root),
                 both(&|r| r.error.log_correlation),

@@ -16,7 +16,7 @@ const NAMES: &str = "materials.txt";
 ///
 /// # Errors
 /// If a file cannot be read, the shape of the array is not (number of names, 90, 90, 3), a name
-/// occurs twice, or values are not finite.
+/// occurs twice, or values are negative or not finite.
 pub fn read_bivariate_set(dir: impl AsRef<Path>) -> Result<Vec<(String, [BivariateTable; 3])>, Error> {
     let (names_path, path) = (dir.as_ref().join(NAMES), dir.as_ref().join(TABLES));
     let names = read_names(&names_path)?;
@@ -26,10 +26,12 @@ pub fn read_bivariate_set(dir: impl AsRef<Path>) -> Result<Vec<(String, [Bivaria
         let problem = format!("has the shape {:?}, but {NAMES} requires {expected}", array.shape);
         return Err(Error::invalid(&path, problem, "use matching files"));
     }
-    let bad = array.values.iter().filter(|v| !v.is_finite()).count();
-    if let Some(first) = array.values.iter().position(|v| !v.is_finite()) {
+    let is_bad = |v: &f32| !(v.is_finite() && *v >= 0.0);
+    let bad = array.values.iter().filter(|v| is_bad(v)).count();
+    if let Some(first) = array.values.iter().position(is_bad) {
         let name = &names[first / (3 * CELLS)];
-        return Err(Error::damaged(&path, format!("has {bad} values that are not finite, the first in {name}")));
+        let problem = format!("has {bad} values that are negative or not finite, the first in {name}");
+        return Err(Error::damaged(&path, problem));
     }
     let tables = array.values.chunks_exact(3 * CELLS).map(|material| {
         [0, 1, 2].map(|c| BivariateTable::from_vec(material.chunks_exact(3).map(|rgb| rgb[c]).collect()))

@@ -51,7 +51,8 @@ pub fn decode(path: &Path, bytes: &[u8]) -> Result<[BivariateTable; 3], Error> {
             let number: Option<f64> = cells[column].parse().ok().filter(|v: &f64| v.is_finite());
             let problem =
                 || invalid(format!("has \"{}\" in row {} of column {name}, not a number", cells[column], row + 1));
-            numbers.push(number.ok_or_else(problem)?);
+            // Adding zero turns -0 into 0, which sorts apart from it.
+            numbers.push(number.ok_or_else(problem)? + 0.0);
         }
     }
     let [theta_h, theta_d, channels @ ..] = numbers;
@@ -140,6 +141,12 @@ mod tests {
             let expected = 1.0 + 2.0 * h.to_degrees() / 90.0 + 4.0 * d.to_degrees() / 90.0;
             assert!((f64::from(red.cell(i, j)) - expected).abs() < 1e-5);
         }
+    }
+
+    #[test]
+    fn negative_zero_is_zero() {
+        let zero = decoded("theta_d,brdf,theta_h\n0,1,0\n0,3,90\n90,5,0\n90,7,90\n").unwrap();
+        assert_eq!(decoded("theta_d,brdf,theta_h\n0,1,-0\n-0,3,90\n90,5,0\n90,7,90\n").unwrap(), zero);
     }
 
     #[test]

@@ -40,7 +40,7 @@ pub fn depth_of(value: f64) -> Option<f64> {
 
 /// Returns the position of three stored numbers. `None` (no surface) if they are zero, not finite
 /// or huge.
-pub fn place_of(value: DVec3) -> Option<DVec3> {
+pub fn position_of(value: DVec3) -> Option<DVec3> {
     Some(value).filter(|p| p.is_finite() && *p != DVec3::ZERO && p.abs().max_element() < NOTHING)
 }
 
@@ -122,15 +122,15 @@ pub fn read_positions(path: impl AsRef<Path>) -> Result<Plane<Option<DVec3>>, Er
 /// # Errors
 /// Like [`read_positions`].
 pub fn decode_positions(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Plane<Option<DVec3>>, Error> {
-    let place = |v: Vec3| place_of(v.as_dvec3());
-    let places = if bytes.starts_with(npy::MAGIC) {
+    let position = |v: Vec3| position_of(v.as_dvec3());
+    let positions = if bytes.starts_with(npy::MAGIC) {
         let array = npy::decode(path, bytes)?;
         let &[height, width, 3] = array.shape.as_slice() else {
             let problem = format!("has the shape {:?}", array.shape);
             return Err(Error::invalid(path, problem, "use an array of positions with the shape (height, width, 3)"));
         };
         let (width, height) = options.check_size(path, width as u64, height as u64)?;
-        Plane::from_vec(width, height, array.values.chunks_exact(3).map(|p| place(Vec3::from_slice(p))).collect())
+        Plane::from_vec(width, height, array.values.chunks_exact(3).map(|p| position(Vec3::from_slice(p))).collect())
     } else {
         let unsupported = || {
             let problem = "has a format that cannot store positions";
@@ -141,8 +141,8 @@ pub fn decode_positions(path: &Path, bytes: &[u8], options: &ReadOptions) -> Res
                 let select = |headers: &[Header]| select_places(path, headers);
                 let (width, height, planes) = picture::read_channels(path, bytes, options, select)?;
                 let [x, y, z] = planes.as_slice() else { return Err(Error::damaged(path, "has no positions")) };
-                let places = x.iter().zip(y).zip(z).map(|((&x, &y), &z)| place(Vec3::new(x, y, z)));
-                Plane::from_vec(width, height, places.collect())
+                let positions = x.iter().zip(y).zip(z).map(|((&x, &y), &z)| position(Vec3::new(x, y, z)));
+                Plane::from_vec(width, height, positions.collect())
             }
             Format::Pfm | Format::Tiff => {
                 let read = ReadOptions { linear: true, ..options.clone() };
@@ -150,19 +150,19 @@ pub fn decode_positions(path: &Path, bytes: &[u8], options: &ReadOptions) -> Res
                 if decoded.encoding != Encoding::LinearFloat {
                     return Err(unsupported());
                 }
-                decoded.picture.rgb.map(|v| place(*v))
+                decoded.picture.rgb.map(|v| position(*v))
             }
             _ => return Err(unsupported()),
         }
     };
-    if places.as_slice().iter().all(Option::is_none) {
+    if positions.as_slice().iter().all(Option::is_none) {
         return Err(Error::invalid(
             path,
             "contains no valid positions: all are zero, infinite or too large",
             "check the exported values",
         ));
     }
-    Ok(places)
+    Ok(positions)
 }
 
 /// Selects a channel with a depth name, preferably of a depth pass.
@@ -267,7 +267,7 @@ mod tests {
         decode_depth(Path::new("d"), bytes, &DepthOptions { range, ..Default::default() })
     }
 
-    fn places(bytes: &[u8]) -> Result<Plane<Option<DVec3>>, Error> {
+    fn positions(bytes: &[u8]) -> Result<Plane<Option<DVec3>>, Error> {
         decode_positions(Path::new("p"), bytes, &ReadOptions::default())
     }
 
@@ -340,11 +340,11 @@ mod tests {
             &[("P.R", &x), ("P.G", &y), ("P.B", &z), ("N.X", &other), ("N.Y", &other), ("N.Z", &other)],
             &[("R", &x), ("G", &y), ("B", &z)],
         ] {
-            assert_eq!(places(&exr(channels)).unwrap().as_slice(), want, "{channels:?}");
+            assert_eq!(positions(&exr(channels)).unwrap().as_slice(), want, "{channels:?}");
         }
         let values = (0..6).flat_map(|i| [x[i], y[i], z[i]]).collect();
         let array = npy::Array { shape: vec![2, 3, 3], values };
-        assert_eq!(places(&npy::encode(&array)).unwrap().as_slice(), want);
+        assert_eq!(positions(&npy::encode(&array)).unwrap().as_slice(), want);
     }
 
     #[test]
@@ -367,7 +367,7 @@ mod tests {
             (picture::encode_png(&Plane::from_fn(2, 2, |_, _| Vec3::ONE)), Kind::Unsupported),
             (exr(&[("X", &[0.0; 6]), ("Y", &[0.0; 6]), ("Z", &[0.0; 6])]), Kind::Invalid),
         ] {
-            let error = places(&bytes).unwrap_err();
+            let error = positions(&bytes).unwrap_err();
             assert_eq!(error.kind(), kind, "{error}");
         }
     }

@@ -20,28 +20,28 @@ pub(crate) fn open(path: &Path) -> Result<(File, u64), Error> {
 /// Reads a whole file of at most `max` bytes. A longer file is rejected before any allocation.
 pub(crate) fn read_whole(path: &Path, max: u64) -> Result<Vec<u8>, Error> {
     let (file, length) = open(path)?;
-    let too_long = || Error::limits(path, format!("is larger than the limit of {max} bytes"), "use a smaller file");
     if length > max {
-        return Err(too_long());
+        return Err(too_long(path, max));
     }
-    let mut bytes = Vec::with_capacity(usize::try_from(length).map_err(|_| too_long())?);
-    // One byte more than allowed, to detect a pipe or a growing file that is too long.
-    file.take(max.saturating_add(1)).read_to_end(&mut bytes).map_err(|e| Error::io(path, "read", e))?;
-    if bytes.len() as u64 > max {
-        return Err(too_long());
-    }
-    if bytes.is_empty() {
-        return Err(Error::damaged(path, "is empty"));
-    }
-    Ok(bytes)
+    let capacity = usize::try_from(length).map_err(|_| too_long(path, max))?;
+    read_limited(path, file, max, Vec::with_capacity(capacity))
 }
 
 /// Reads a whole stream of at most `max` bytes; `name` is its name in error messages.
 pub(crate) fn read_stream(name: &Path, stream: impl Read, max: u64) -> Result<Vec<u8>, Error> {
-    let mut bytes = Vec::new();
+    read_limited(name, stream, max, Vec::new())
+}
+
+fn too_long(name: &Path, max: u64) -> Error {
+    Error::limits(name, format!("is larger than the limit of {max} bytes"), "use a smaller file")
+}
+
+/// Appends a stream to `bytes`.
+fn read_limited(name: &Path, stream: impl Read, max: u64, mut bytes: Vec<u8>) -> Result<Vec<u8>, Error> {
+    // One byte more than allowed, to detect a pipe or a growing file that is too long.
     stream.take(max.saturating_add(1)).read_to_end(&mut bytes).map_err(|e| Error::io(name, "read", e))?;
     if bytes.len() as u64 > max {
-        return Err(Error::limits(name, format!("is larger than the limit of {max} bytes"), "use a smaller file"));
+        return Err(too_long(name, max));
     }
     if bytes.is_empty() {
         return Err(Error::damaged(name, "is empty"));

@@ -2,8 +2,8 @@
 //!
 //! * [`picture`]: photographs, environment maps and masks (OpenEXR, Radiance, PFM, PNG, JPEG,
 //!   TIFF);
-//! * [`normals`]: normal maps (OpenEXR, PFM, NPY, PNG);
-//! * [`geometry`]: depth and position maps (OpenEXR, NPY, PNG);
+//! * [`normals`]: normal maps (OpenEXR, PFM, NPY, and the integer formats of pictures);
+//! * [`geometry`]: depth and position maps (OpenEXR, PFM, NPY, PNG, TIFF);
 //! * [`material`]: materials for renderers (Mitsuba, MaterialX, glTF, Blender);
 //! * [`mesh`]: triangle meshes (OBJ, PLY, glTF);
 //! * [`colour_space`]: named colour spaces and the matrices between them;

@@ -70,10 +70,8 @@ impl SavedPosterior {
             return Err(Error::damaged(path, format!("is not a posterior, but {:?}", saved.format)));
         }
         if saved.version > VERSION {
-            return Err(Error::damaged(
-                path,
-                format!("has version {}, which is newer than this program", saved.version),
-            ));
+            let problem = format!("has version {}, which is newer than this program", saved.version);
+            return Err(Error::unsupported(path, problem, "update gonio"));
         }
         if saved.chroma.as_ref().is_some_and(|chroma| !chroma.is_sound()) {
             return Err(Error::damaged(path, "has colours of the wrong size or with values that are not finite"));

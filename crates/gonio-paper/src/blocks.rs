@@ -29,22 +29,22 @@ pub(super) fn run(
     let start = Expectations::new(problem, &ensemble).cost(problem);
     let (mut ensemble, mut cost) = switch_all_components(problem, &ensemble, grams);
     let mut trace = vec![start];
-    let (mut near, mut settled) = (false, 0);
+    let (mut near, mut small_steps) = (false, 0);
     while trace.len() <= settings.max_iterations {
         let before = cost;
         (ensemble, cost) = round(problem, &ensemble, grams, near);
         trace.push(cost);
         progress(trace.len() as f64 / (settings.max_iterations + 1) as f64);
         let (tolerance, enough) = if near { (settings.tolerance, SETTLED) } else { (settings.tolerance.max(ROUGH), 1) };
-        settled = if (before - cost).abs() < tolerance { settled + 1 } else { 0 };
-        if settled >= enough || trace.len() % SWITCH_INTERVAL == 0 {
+        small_steps = if (before - cost).abs() < tolerance { small_steps + 1 } else { 0 };
+        if small_steps >= enough || trace.len() % SWITCH_INTERVAL == 0 {
             let before = cost;
             (ensemble, cost) = switch_all_components(problem, &ensemble, grams);
             if before - cost >= tolerance {
-                settled = 0;
+                small_steps = 0;
             }
         }
-        if settled < enough {
+        if small_steps < enough {
             continue;
         }
         if near {
@@ -53,7 +53,7 @@ pub(super) fn run(
         let noise = ensemble.log_noise();
         (ensemble, cost) = round(problem, &ensemble, grams, true);
         trace.push(cost);
-        settled = 0;
+        small_steps = 0;
         near = (ensemble.log_noise() - noise).abs() < NOISE_SETTLED;
     }
     Run { ensemble, trace, converged: false }

@@ -45,9 +45,9 @@ impl CoordinateObjective<'_> {
         let mut l = self.given(prior);
         for _ in 0..ALONE {
             let next = self.given(expected_precision(self.mixture, l.mean_square()));
-            let settled = (next.variance - l.variance).abs() <= 1e-9 * l.variance;
+            let has_converged = (next.variance - l.variance).abs() <= 1e-9 * l.variance;
             l = next;
-            if settled {
+            if has_converged {
                 break;
             }
         }

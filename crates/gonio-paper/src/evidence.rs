@@ -33,7 +33,7 @@ fn log_gamma(x: f64, shape: f64, rate: f64) -> f64 {
 }
 
 /// Minimises the cost over all factors. The cost is a bound at any stopping point.
-fn settled(problem: &Problem<'_>, mut ensemble: VariationalParameters) -> (VariationalParameters, f64) {
+fn converged(problem: &Problem<'_>, mut ensemble: VariationalParameters) -> (VariationalParameters, f64) {
     let grams = grams::Grams::new(problem);
     let mut cost = f64::INFINITY;
     for _ in 0..1000 {
@@ -102,7 +102,7 @@ fn gap(pixels: usize, noise: f64, rate: f64, hyper: Hyperparameters) -> f64 {
     let mut ensemble = VariationalParameters::at(&[1.0], &[], 0.1);
     let g = (rate / hyper.exposure_rate).sqrt();
     ensemble.set_g(1e4 / g, 1e4 / (g * g));
-    settled(&problem, ensemble).1 + log_evidence(&problem)
+    converged(&problem, ensemble).1 + log_evidence(&problem)
 }
 
 #[test]
@@ -199,7 +199,7 @@ fn cost_matches_its_expectation_sampled_from_q() {
     planted.image.pixels += 7;
     let hyper = Hyperparameters { exposure_rate: 0.4, noise_shape: 1.5, noise_rate: 0.2 };
     let problem = Problem::blind(&planted.image, &planted.prior, &planted.rates, hyper).unwrap();
-    let (ensemble, cost) = settled(&problem, VariationalParameters::at(&[1.0, 1.0], &[0.0; 15], 0.1));
+    let (ensemble, cost) = converged(&problem, VariationalParameters::at(&[1.0, 1.0], &[0.0; 15], 0.1));
     let q = Factors::of(&problem, &ensemble);
     let mut rng = Pcg64::seed_from_u64(9);
     let gamma = Gamma::new(q.noise.0, 1.0 / q.noise.1).unwrap();

@@ -166,15 +166,15 @@ fn ascend(
     progress: &dyn Fn(f64),
 ) -> (AllMoments, Vec<f64>, bool) {
     let mut trace: Vec<f64> = Vec::new();
-    let mut settled = 0;
+    let mut small_steps = 0;
     for iteration in 0..settings.max_iterations.max(1) {
         let cost;
         (at, cost) = round(problem, at, grams);
         let fell = trace.last().map_or(f64::INFINITY, |before| before - cost);
         trace.push(cost);
         progress(iteration as f64 / settings.max_iterations as f64);
-        settled = if fell.abs() < settings.tolerance { settled + 1 } else { 0 };
-        if settled >= 3 {
+        small_steps = if fell.abs() < settings.tolerance { small_steps + 1 } else { 0 };
+        if small_steps >= 3 {
             return (at, trace, true);
         }
     }

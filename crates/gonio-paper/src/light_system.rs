@@ -183,9 +183,9 @@ pub(crate) fn minimise_coefficient(
         let (natural, prior) = prior_pull(problem.light[m - 1], &moments);
         ensemble.set_l(m, push + natural, image_curvature + prior);
         let next = ensemble.l_moments(m, problem.light[m - 1]);
-        let settled = (next.mean - moments.mean).abs() + (next.variance - moments.variance).abs() < 1e-16;
+        let has_converged = (next.mean - moments.mean).abs() + (next.variance - moments.variance).abs() < 1e-16;
         moments = next;
-        if settled {
+        if has_converged {
             break;
         }
     }

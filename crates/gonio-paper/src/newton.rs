@@ -211,7 +211,7 @@ mod tests {
     use super::super::{VariationalParameters, coordinate};
     use super::*;
 
-    fn settled(problem: &Problem<'_>, mut ensemble: VariationalParameters, grams: &Grams) -> (Point, LightSystem) {
+    fn converged(problem: &Problem<'_>, mut ensemble: VariationalParameters, grams: &Grams) -> (Point, LightSystem) {
         for _ in 0..20 {
             ensemble = coordinate::minimise_light(problem, &ensemble, grams).0;
         }
@@ -233,7 +233,7 @@ mod tests {
         // The means are arbitrary; the gradient is exact where the variances are optimal.
         let mut ensemble = start(&planted, 4);
         for _ in 0..100 {
-            let (point, _) = settled(&problem, ensemble, &grams);
+            let (point, _) = converged(&problem, ensemble, &grams);
             ensemble = point.ensemble;
             let AllMoments { g, precision, .. } = point.moments;
             for (k, diagonal) in point.system.diagonal().into_iter().enumerate() {
@@ -243,7 +243,7 @@ mod tests {
             let p = precision * point.system.sums(&ensemble.moments(&problem).f).q;
             ensemble.set_g(1.1 * p, p);
         }
-        let (point, light) = settled(&problem, ensemble, &grams);
+        let (point, light) = converged(&problem, ensemble, &grams);
         let Point { moments, a, system, .. } = &point;
         let local = Local::new(&problem, moments, (a, system), &light, Some(problem.noise_shape()));
         let local = local.with_entropy(&point);
@@ -284,7 +284,7 @@ mod tests {
             for (x, &place) in places.iter().enumerate() {
                 locations[place] *= 1.0 + 1e-3 * (x as f64 - 1.7);
             }
-            let (point, light) = settled(&problem, ensemble.with_locations(&locations), &grams);
+            let (point, light) = converged(&problem, ensemble.with_locations(&locations), &grams);
             let before = point.cost(&problem) - least;
             let after = advance(&problem, point, &light, true).cost(&problem) - least;
             assert!(before > 1e-2 && after < 0.1 * before, "{seed}: from {before} to {after} nats above the end");

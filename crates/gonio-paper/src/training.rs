@@ -2,7 +2,7 @@
 
 use faer::Mat;
 use gonio::reflectance::{
-    BasisError, BivariateTable, CELLS, ReflectanceBasis, TrainingMaterial, place_of, trusted_cells,
+    BasisError, BivariateTable, CELLS, ReflectanceBasis, TrainingMaterial, indices_of, trusted_cells,
 };
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -215,7 +215,7 @@ impl Scaled<'_> {
 fn scale(name: &str, table: &BivariateTable, cells: &[usize]) -> Result<f64, TrainError> {
     let values = table.as_slice();
     if let Some(&c) = cells.iter().find(|&&c| !(values[c].is_finite() && values[c] >= 0.0)) {
-        let (theta_h, theta_d) = place_of(c);
+        let (theta_h, theta_d) = indices_of(c);
         return Err(TrainError::BadValue { name: name.into(), theta_h, theta_d, value: values[c] });
     }
     match f64::from(table.trusted_max()) {

@@ -6,7 +6,7 @@ use bytemuck::allocation::cast_vec;
 use bytemuck::{AnyBitPattern, cast_slice};
 use glam::Vec3;
 use gonio::picture::{Plane, srgb_decode, srgb_encode};
-use gonio::reflectance::{BivariateTable, THETA_D, THETA_H, place_of};
+use gonio::reflectance::{BivariateTable, THETA_D, THETA_H, indices_of};
 use gonio_app::AppError;
 use numpy::ndarray::{Array, Dimension};
 use numpy::{Element, IntoPyArray, PyArray, PyArray2, PyArray3, PyArrayMethods, PyUntypedArrayMethods};
@@ -117,7 +117,7 @@ pub(crate) fn tables(array: &Bound<'_, PyArray3<f32>>) -> PyResult<[BivariateTab
     }
     let cells = plane.as_slice();
     if let Some(wrong) = cells.iter().position(|c| !c.is_finite() || c.min_element() < 0.0) {
-        let (i, j) = place_of(wrong);
+        let (i, j) = indices_of(wrong);
         let problem = AppError::new(format!("the BRDF is negative or not finite at [{i}, {j}]"));
         return Err(raise(&problem, array.py()));
     }

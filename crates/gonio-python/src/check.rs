@@ -28,17 +28,17 @@ pub(crate) fn check<'py>(
     listeners: Listeners,
 ) -> PyResult<Bound<'py, PyDict>> {
     let (scene, regions) = (scene.take()?, regions.map(GivenRegions::take).transpose()?);
-    let (picture, outlines, notes, warnings) = work::run(py, listeners, move |reporter| {
+    let (picture, outlines, document, warnings) = work::run(py, listeners, move |reporter| {
         let listener = |stage, fraction| reporter.at(stage, fraction);
         let checked =
             look_at(scene, regions, &ProgressLog::new("reading", &listener)).map_err(|unchecked| unchecked.problem)?;
         let outlines: Vec<String> = checked.objects.iter().map(gonio_app::DetectedObject::outline).collect();
-        Ok((checked.draw(), outlines, checked.notes(), worded(&checked.warnings)))
+        Ok((checked.draw(), outlines, checked.document(), worded(&checked.warnings)))
     })?;
     let out = PyDict::new(py);
     out.set_item("picture", arrays::coded(py, &picture))?;
     out.set_item("outlines", outlines)?;
-    out.set_item("notes", notes.to_string())?;
+    out.set_item("document", document.to_string())?;
     out.set_item("warnings", warnings)?;
     Ok(out)
 }
@@ -56,8 +56,8 @@ pub(crate) fn merge(
         let mut warnings = Vec::new();
         Ok((merge_files(&images, &reading, &mut warnings)?, worded(&warnings)))
     })?;
-    let mut notes = json!(bracket.section());
-    notes["colorspace"] =
+    let mut document = json!(bracket.section());
+    document["colorspace"] =
         json!({ "input": bracket.space.name, "source": bracket.space.source.words(), "output": "rec709" });
     let merged = bracket.merged;
     let response = &merged.response;
@@ -71,7 +71,7 @@ pub(crate) fn merge(
     let curves = [0, 1, 2].map(|channel| response.curve(channel)).concat();
     out.set_item("response", arrays::array(py, (3, usize::from(response.max()) + 1), curves))?;
     out.set_item("response_file", PyBytes::new(py, &encode_response(response)))?;
-    out.set_item("notes", notes.to_string())?;
+    out.set_item("document", document.to_string())?;
     out.set_item("warnings", warnings)?;
     Ok(out)
 }

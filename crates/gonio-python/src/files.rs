@@ -183,15 +183,24 @@ pub(crate) struct SavedResult<'py> {
     /// Pictures by name, of 8-bit samples of shape (height, width, 3). Pictures that are not part
     /// of a result folder are ignored.
     pictures: HashMap<String, Bound<'py, PyArray3<u8>>>,
-    notes: String,
+    document: String,
     page: Option<String>,
 }
 
 /// Writes a result folder, completely or, on error, not at all.
 #[pyfunction]
 pub(crate) fn save(py: Python<'_>, folder: PathBuf, result: SavedResult<'_>) -> PyResult<()> {
-    let SavedResult { table, likelihood, light, albedo_map, luminance_quantiles, rgb_quantiles, pictures, notes, page } =
-        result;
+    let SavedResult {
+        table,
+        likelihood,
+        light,
+        albedo_map,
+        luminance_quantiles,
+        rgb_quantiles,
+        pictures,
+        document,
+        page,
+    } = result;
     let held = PICTURES.into_iter().filter_map(|name| pictures.get(name).map(|samples| (name, samples)));
     let files = Files {
         tables: arrays::tables(&table)?,
@@ -209,8 +218,8 @@ pub(crate) fn save(py: Python<'_>, folder: PathBuf, result: SavedResult<'_>) -> 
         albedo_map: albedo_map.map(|map| arrays::colours(&map)).transpose()?,
         pictures: held.map(|(name, samples)| Ok((name, png(samples)?))).collect::<PyResult<_>>()?,
         page,
-        space: space_of(&notes).map_err(|error| raise(&error.into(), py))?,
-        document: notes,
+        space: space_of(&document).map_err(|error| raise(&error.into(), py))?,
+        document,
     };
     let write = || for_results(&folder)?.fill(&files.encode());
     py.detach(write).map_err(|e| raise(&e.into(), py))

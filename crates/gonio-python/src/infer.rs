@@ -149,10 +149,10 @@ pub(crate) fn infer<'py>(
     listeners: Listeners,
 ) -> PyResult<Bound<'py, PyDict>> {
     let scene = scene.take()?;
-    let answer = work_on(py, settings, model, listeners, move |model, settings, progress_log| {
+    let inferred = work_on(py, settings, model, listeners, move |model, settings, progress_log| {
         gonio_app::infer(model, scene, settings, progress_log)
     })?;
-    result_dict(py, answer, model)
+    result_dict(py, inferred, model)
 }
 
 /// Runs an inference on a separate thread.
@@ -218,9 +218,9 @@ pub(crate) fn infer_regions<'py>(
 }
 
 /// Returns all pictures by name: those of a result folder and the panels that they consist of.
-fn pictures(answer: &InferenceResult) -> Vec<(&'static str, Plane<Vec3>)> {
-    let mut pictures = answer.pictures();
-    if let Some(panels) = &answer.panels {
+fn pictures(inferred: &InferenceResult) -> Vec<(&'static str, Plane<Vec3>)> {
+    let mut pictures = inferred.pictures();
+    if let Some(panels) = &inferred.panels {
         let Panels { photograph, observed, reproduction, residual, light, spheres, .. } = panels;
         let named = [photograph, observed, reproduction, residual, light].map(Clone::clone);
         pictures.extend(["photograph", "observed", "reproduction", "residual", "light"].into_iter().zip(named));
@@ -287,16 +287,16 @@ pub(crate) fn shown<'py>(py: Python<'py>, pictures: Vec<(&'static str, Plane<Vec
 /// that estimate coefficients only, the keys are those of `BasisData`.
 fn result_dict<'py>(
     py: Python<'py>,
-    answer: InferenceResult,
+    inferred: InferenceResult,
     model: &Bound<'py, Model>,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let (field, light_colour) = (answer.colouring.field(), answer.colouring.light());
-    let channels = answer.material.as_ref().map(|material| answer.colouring.quantiles(material));
-    let pictures = pictures(&answer);
-    let estimated = answer.light.as_ref().map(|light| answer.lat_long(light));
-    let light = estimated.or_else(|| answer.known_light.as_ref().map(|light| light.radiance().clone()));
-    let albedo_map = answer.albedo_map();
-    let InferenceResult { table, material, saved, scale, residual: left, document, warnings, page, .. } = answer;
+    let (field, light_colour) = (inferred.colouring.field(), inferred.colouring.light());
+    let channels = inferred.material.as_ref().map(|material| inferred.colouring.quantiles(material));
+    let pictures = pictures(&inferred);
+    let estimated = inferred.light.as_ref().map(|light| inferred.lat_long(light));
+    let light = estimated.or_else(|| inferred.known_light.as_ref().map(|light| light.radiance().clone()));
+    let albedo_map = inferred.albedo_map();
+    let InferenceResult { table, material, saved, scale, residual, document, warnings, page, .. } = inferred;
     let out = match material.zip(saved) {
         Some((material, saved)) => {
             let out = of_material(py, &material, (&field, channels), scale)?;
@@ -310,10 +310,10 @@ fn result_dict<'py>(
     out.set_item("light", light.map(|light| arrays::of_colours(py, light)))?;
     out.set_item("albedo_map", albedo_map.map(|map| arrays::of_colours(py, map)))?;
     out.set_item("light_color", arrays::array(py, 3, light_colour.to_array().to_vec()))?;
-    out.set_item("misfit", left.1)?;
+    out.set_item("misfit", residual.1)?;
     out.set_item("pictures", shown(py, pictures)?)?;
     out.set_item("warnings", warnings)?;
-    out.set_item("notes", result::encode(&document))?;
+    out.set_item("document", result::encode(&document))?;
     out.set_item("page", page)?;
     out.set_item("model", model)?;
     Ok(out)

@@ -81,16 +81,16 @@ pub(crate) fn combine_all<'py>(
         }
     }
     let (known, name) = (model.get().model.clone(), model.get().name.clone());
-    let answer = work::run(py, listeners, move |reporter| {
+    let combined = work::run(py, listeners, move |reporter| {
         let listener = |stage, fraction| reporter.at(stage, fraction);
         combine::combine((&known, &name), &all, &ProgressLog::new("reading", &listener))
     })?;
-    let CombinedResult { material, field, agreement, pictures, document, saved, .. } = answer;
+    let CombinedResult { material, field, agreement, pictures, document, saved, .. } = combined;
     let out = of_material(py, &material, (&field, None), 1.0)?;
     out.set_item("likelihood", Likelihood(saved))?;
     out.set_item("agreement", agreement)?;
     out.set_item("pictures", shown(py, pictures)?)?;
-    out.set_item("notes", result::encode(&document))?;
+    out.set_item("document", result::encode(&document))?;
     out.set_item("model", model)?;
     Ok(out)
 }

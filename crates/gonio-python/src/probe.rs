@@ -18,8 +18,8 @@ pub(crate) struct ProbeSettings {
     second_azimuth: Option<f64>,
 }
 
-/// Light, observed fraction of each texel, picture, notes and warnings. The light has the shape
-/// (rows, 2 rows, 3), the fraction (rows, 2 rows); the picture has 8-bit samples, the notes are
+/// Light, observed fraction of each texel, picture, document and warnings. The light has the shape
+/// (rows, 2 rows, 3), the fraction (rows, 2 rows); the picture has 8-bit samples, the document are
 /// JSON.
 type Probe<'py> = (Bound<'py, PyArray3<f32>>, Bound<'py, PyArray2<f32>>, Bound<'py, PyArray3<u8>>, String, Vec<String>);
 
@@ -47,7 +47,7 @@ pub(crate) fn light_probe<'py>(
         arrays::of_colours(py, found.light),
         coverage,
         arrays::coded(py, &found.picture),
-        found.notes.to_string(),
+        found.document.to_string(),
         warnings,
     ))
 }

@@ -11,7 +11,7 @@ use gonio_app::{
     ShapeKind, Source,
 };
 use gonio_io::colour_space::ColourSpace;
-use gonio_io::geometry::{depth_of, place_of};
+use gonio_io::geometry::{depth_of, position_of};
 use numpy::{PyArray2, PyArray3, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
@@ -219,8 +219,8 @@ impl ShapeArg<'_> {
     fn take(self) -> PyResult<Shape> {
         let form = if let Some(mesh) = self.mesh {
             ShapeKind::Mesh(match mesh {
-                GivenMesh::Arrays((places, faces)) => Source::Memory(MeshParts {
-                    positions: places
+                GivenMesh::Arrays((positions, faces)) => Source::Memory(MeshParts {
+                    positions: positions
                         .readonly()
                         .as_array()
                         .rows()
@@ -291,13 +291,13 @@ impl GivenPositions<'_> {
             Self::File(path) => Source::File(path),
             Self::Array(array) => {
                 let rows = array.readonly();
-                let places = rows.as_array().into_iter().copied().collect::<Vec<f64>>();
-                let places = places.chunks_exact(3).map(|p| place_of(DVec3::from_slice(p))).collect();
+                let positions = rows.as_array().into_iter().copied().collect::<Vec<f64>>();
+                let positions = positions.chunks_exact(3).map(|p| position_of(DVec3::from_slice(p))).collect();
                 Source::Memory(surface(
                     &array,
                     array.py(),
                     "the positions: contain no surface: all are zero, infinite or too large",
-                    places,
+                    positions,
                 )?)
             }
         })

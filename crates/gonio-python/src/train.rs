@@ -110,7 +110,7 @@ pub(crate) fn train_lighting(
         if !(1..=64).contains(&turns) {
             return Err(AppError::new(format!("turns {turns}: must be from 1 to 64")));
         }
-        let settings = LightingSettings { grid, map, rotations: turns, max_radiance: cap, seed };
+        let settings = LightingSettings { grid, map, turns, cap, seed };
         let (prior, provenance) = training::lighting(&lights, &settings, &|stage, x| reporter.at(stage, x))?;
         Ok((encode_lighting(&prior, &provenance), provenance))
     })?;

@@ -3,7 +3,7 @@
 use glam::Vec3;
 use gonio::picture::{Picture, Plane};
 use gonio::render::Exposure;
-use gonio_io::result::RegionEntry;
+use gonio_io::result::RegionsDocument;
 use maud::html;
 
 use crate::page::figure::picture as embedded;
@@ -54,7 +54,8 @@ pub fn outlined(photograph: &Picture, masks: &[&Plane<f32>]) -> (Plane<Vec3>, Ve
 /// Renders the page of all regions, with links to the report of each region.
 ///
 /// `nearest` is, for each region, the measured material with the most similar highlight.
-pub fn page(image: &str, overview: &Plane<Vec3>, regions: &[RegionEntry], nearest: &[Option<String>]) -> String {
+pub fn page(image: &str, overview: &Plane<Vec3>, result: &RegionsDocument, nearest: &[Option<String>]) -> String {
+    let regions = &result.regions;
     let lead = html! {
         p { (regions.len()) " materials in " (image) ". Each name links to the report of the region." }
         (embedded(overview, "The regions of the photograph, and a sphere of each material."))
@@ -78,6 +79,7 @@ pub fn page(image: &str, overview: &Plane<Vec3>, regions: &[RegionEntry], neares
                 }
             }
         }
+        @for warning in &result.warnings { p { (warning) } }
         @for region in regions {
             @for warning in &region.warnings { p { b { (region.name) ": " } (warning) } }
         }
@@ -88,6 +90,8 @@ pub fn page(image: &str, overview: &Plane<Vec3>, regions: &[RegionEntry], neares
 
 #[cfg(test)]
 mod tests {
+    use gonio_io::result::RegionEntry;
+
     use super::*;
 
     #[test]
@@ -98,7 +102,13 @@ mod tests {
             relative_albedo: Some(0.5),
             ..RegionEntry::default()
         };
-        let page = page("x.exr", &Plane::from_fn(8, 8, |_, _| Vec3::ZERO), &[region], &[Some("brass".into())]);
+        let result = RegionsDocument {
+            regions: vec![region],
+            warnings: vec!["two <exposures> are left out".into()],
+            ..RegionsDocument::default()
+        };
+        let page = page("x.exr", &Plane::from_fn(8, 8, |_, _| Vec3::ZERO), &result, &[Some("brass".into())]);
+        assert!(page.contains("two &lt;exposures&gt; are left out"));
         assert!(page.contains("a&lt;b/report.html") && page.contains("0.20 (0.10 to 0.30)"));
         assert!(page.contains("0.50") && page.contains("brass"));
     }

@@ -61,7 +61,7 @@ impl Session {
     /// # Errors
     /// If the ball has too few usable pixels.
     pub fn observe(&mut self, outline: Option<Vec<f64>>) -> Result<String, String> {
-        self.0.observe(outline.as_deref()).map(|notes| notes.to_string())
+        self.0.observe(outline.as_deref()).map(|document| document.to_string())
     }
 
     /// Estimates the material and its colours. Returns JSON.
@@ -69,7 +69,7 @@ impl Session {
     /// # Errors
     /// If the image is black.
     pub fn material(&mut self) -> Result<String, String> {
-        self.0.material().map(|notes| notes.to_string())
+        self.0.material().map(|document| document.to_string())
     }
 
     /// Estimates the light on a grid of `side` texels per side. Returns JSON.
@@ -78,7 +78,7 @@ impl Session {
     /// If the prior does not support the grid, or a light on the grid of the program does not
     /// reproduce the photograph.
     pub fn light(&mut self, side: usize) -> Result<String, String> {
-        self.0.light(side).map(|notes| notes.to_string())
+        self.0.light(side).map(|document| document.to_string())
     }
 
     /// Returns the uncertainty picture as SVG.

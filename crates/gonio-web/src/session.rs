@@ -125,14 +125,14 @@ impl Session {
             Err(error) => return Err(self.blamed(&error)),
         };
         let scene_warnings = detection.scene_warnings.iter().map(ToString::to_string);
-        let notes = json!({
+        let document = json!({
             "circle": detection.circle(),
             "sure": detection.reliability.map(|sure| sure.to_string()),
             "used": detection.observations.report.used,
             "warnings": self.warnings.iter().cloned().chain(scene_warnings).collect::<Vec<_>>(),
         });
         self.detection = Some(detection);
-        Ok(notes)
+        Ok(document)
     }
 
     /// Estimates the material with its colours; returns the data of the viewer and the uncertainty.
@@ -150,7 +150,7 @@ impl Session {
             .map(|(name, table)| sphere::material(name, &field.tables(table)));
         let neighbours: Vec<Value> =
             material.posterior.neighbours.iter().map(|n| json!({ "name": n.name, "weight": n.weight })).collect();
-        let notes = json!({
+        let document = json!({
             "verdict": material.verdict(),
             "undetermined_share": material.undetermined_share,
             "diagnostics": material.diagnostics().iter().map(ToString::to_string).collect::<Vec<_>>(),
@@ -160,7 +160,7 @@ impl Session {
             "lights": builtin_lights(ROWS).iter().map(|(name, map)| sphere::light(name, map.radiance())).collect::<Vec<_>>(),
         });
         (self.material, self.estimate) = (Some(found), None);
-        Ok(notes)
+        Ok(document)
     }
 
     /// Estimates the light on a grid of `side` texels per side; a coarse grid is faster. The
@@ -186,7 +186,7 @@ impl Session {
         }
         let diagnostics = if is_final { estimate.diagnostics() } else { estimate.material.diagnostics() };
         let radiance = sphere::lit(&estimate.light_in_colour());
-        let notes = json!({
+        let document = json!({
             "side": side,
             "misfit": misfit,
             "diagnostics": diagnostics.iter().map(ToString::to_string).collect::<Vec<_>>(),
@@ -194,7 +194,7 @@ impl Session {
             "light": sphere::light("estimated light", &radiance),
         });
         self.estimate = Some((estimate, settings));
-        Ok(notes)
+        Ok(document)
     }
 
     /// Returns the uncertainty picture as SVG.

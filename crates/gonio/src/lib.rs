@@ -67,6 +67,7 @@ pub mod reference;
 pub mod reflectance;
 pub mod render;
 pub mod scene;
+mod search;
 pub mod shading;
 pub mod shape;
 pub mod simulation;

@@ -291,10 +291,10 @@ pub fn check_posterior(posterior: &LearntPosterior) -> Result<(), ModelError> {
     let outputs = encoder.shape().outputs;
     for candidates in [measured, prior] {
         length("the list of material embeddings", candidates.embeddings.len(), candidates.coordinates.len())?;
-        for (place, embedding) in candidates.coordinates.iter().zip(&candidates.embeddings) {
-            length("a place", place.len(), dimensions)?;
+        for (coordinates, embedding) in candidates.coordinates.iter().zip(&candidates.embeddings) {
+            length("a list of coordinates", coordinates.len(), dimensions)?;
             length("an embedding", embedding.len(), outputs)?;
-            finite("a place", place)?;
+            finite("a list of coordinates", coordinates)?;
             finite("an embedding", embedding)?;
         }
     }

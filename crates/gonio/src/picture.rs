@@ -149,6 +149,14 @@ pub struct Picture {
     pub alpha: Option<Plane<f32>>,
 }
 
+impl Picture {
+    /// Returns the alpha channel if it has more than one value: an alpha channel of one value does
+    /// not separate an object.
+    pub fn varying_alpha(&self) -> Option<&Plane<f32>> {
+        self.alpha.as_ref().filter(|alpha| alpha.as_slice().iter().any(|a| *a != alpha.as_slice()[0]))
+    }
+}
+
 /// Luminance of a linear RGB colour with the primaries of Rec. 709 / sRGB.
 pub fn luminance(rgb: Vec3) -> f32 {
     rgb.dot(Vec3::new(0.2126, 0.7152, 0.0722))

@@ -64,7 +64,8 @@ impl Column {
         Ok(Self::Option {
             flag: format!("--{key}"),
             takes_value: arg.get_action().takes_values(),
-            is_file: arg.get_value_parser().type_id() == TypeId::of::<PathBuf>(),
+            // A response is a file or the name of a curve.
+            is_file: arg.get_value_parser().type_id() == TypeId::of::<PathBuf>() || key == "response",
         })
     }
 }

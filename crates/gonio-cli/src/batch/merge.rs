@@ -96,13 +96,13 @@ fn given(output: &Path, name: String, note: Option<RowOutcome>) -> ComparedFolde
 
 /// Lists the names of all rows with a recorded outcome.
 fn recorded_names(output: &Path) -> Result<Vec<String>> {
-    let notes = output.join(OUTCOMES);
+    let folder = output.join(OUTCOMES);
     let failed = |error: std::io::Error| {
-        let shown = notes.display();
+        let shown = folder.display();
         anyhow!("{shown}: cannot list this folder: {error}; specify the output folder of gonio batch")
     };
     let mut names = Vec::new();
-    for entry in std::fs::read_dir(&notes).map_err(failed)? {
+    for entry in std::fs::read_dir(&folder).map_err(failed)? {
         let path = entry.map_err(failed)?.path();
         if path.extension().is_some_and(|e| e == "json")
             && let Some(stem) = path.file_stem()

@@ -108,6 +108,13 @@ impl SceneOptions {
         self.images.first().cloned().unwrap_or_default()
     }
 
+    /// Returns the paths of all input files.
+    pub(crate) fn input_files(&self) -> Vec<&PathBuf> {
+        let options = [&self.mask, &self.regions, &self.normals, self.reading.flat(), self.reference.grey_card()];
+        let shape = self.normal_options.files().into_iter().chain(self.surface.files());
+        self.images.iter().chain(options.into_iter().chain(shape).flatten()).collect()
+    }
+
     /// Whether the object can shadow itself.
     pub(crate) fn has_shadows(&self) -> bool {
         self.surface.mesh.is_some() || self.normals.is_some()
@@ -127,7 +134,7 @@ impl SceneOptions {
         self.check()?;
         Ok(Scene {
             name: input::name(&self.images),
-            photograph: input::shots(&self.images)?,
+            photograph: input::photograph_source(&self.images)?,
             reading: self.reading.reading(),
             clip: self.clip,
             mask: self.mask.clone().map(Source::File),

@@ -74,6 +74,11 @@ fn parse_reflectance(text: &str) -> Result<f64, String> {
 }
 
 impl ReferenceOptions {
+    /// The file of the grey card's mask.
+    pub(super) fn grey_card(&self) -> &Option<PathBuf> {
+        &self.grey_card
+    }
+
     /// Returns the reference that the options describe.
     pub(super) fn reference(&self) -> Option<Reference> {
         let white = self.white.map(ReferenceTarget::White);

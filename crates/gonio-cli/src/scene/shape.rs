@@ -87,6 +87,11 @@ fn parse_range(text: &str) -> Result<(f64, f64), String> {
 }
 
 impl NormalOptions {
+    /// The files of the options.
+    pub(super) fn files(&self) -> [&Option<PathBuf>; 2] {
+        [&self.depth, &self.positions]
+    }
+
     fn normals(&self, picture: PathBuf) -> NormalMap {
         let kind = if self.depth_along_rays { DepthKind::AlongRay } else { DepthKind::AlongAxis };
         let depth = self.depth.clone().map(|path| PositionSource::Depth(Source::File(path), self.depth_range, kind));

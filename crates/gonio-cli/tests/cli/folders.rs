@@ -5,7 +5,7 @@ use std::process::{Child, Command, Stdio};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-use crate::support::{Bench, SIZE, ball, exr, grey};
+use crate::support::{Bench, SIZE, ball, exr, grey, mask};
 
 #[test]
 fn new_results_replace_earlier_results() {
@@ -66,10 +66,21 @@ fn new_exports_replace_earlier_exports() {
 }
 
 #[test]
-fn results_do_not_overwrite_the_photograph() {
+fn results_do_not_overwrite_their_inputs() {
     let bench = Bench::with_ball();
     bench.write("light.exr", &exr(&ball()));
-    bench.refuses("infer light.exr -o .", &["light.exr: results in . would overwrite this photograph"]);
+    bench.write("used.png", &mask(SIZE));
+    for (options, file) in [
+        ("light.exr", "light.exr"),
+        ("ball.exr --light light.exr", "light.exr"),
+        ("ball.exr --mask used.png", "used.png"),
+    ] {
+        bench.refuses(&format!("infer {options} -o ."), &[&format!("{file}: results in . would overwrite this input")]);
+    }
+    bench.write_answer("out");
+    let light = bench.read("out/light.exr");
+    bench.refuses("export out -o out", &["out: contains results of gonio infer", "-o DIR"]);
+    assert_eq!(bench.read("out/light.exr"), light);
 }
 
 /// Starts a long inference, and waits until its hidden folder exists in `dir`.

@@ -30,7 +30,8 @@ fn infers_the_brdf_of_a_rendered_ball() {
     assert!((luminance.normal_albedo() - 0.5).abs() < 0.01);
     let light = read(bench.path("deep/out/light.exr"), &ReadOptions::default()).unwrap().picture.rgb;
     assert_eq!(light.width(), 2 * light.height());
-    assert!(light.as_slice().iter().all(|p| p.is_finite()));
+    // It is an environment map, although the posterior mean has negative texels.
+    assert!(light.as_slice().iter().all(|p| p.is_finite() && p.min_element() >= 0.0));
     for name in ["relit.png", "summary.png"] {
         read(bench.path("deep/out").join(name), &ReadOptions::default()).unwrap();
     }

@@ -63,7 +63,10 @@ fn rejects_invalid_labels() {
     bench.write("small.png", &labels(SIZE / 2, SIZE));
     bench.write("black.png", &encode_png(&Plane::from_fn(SIZE, SIZE, |_, _| Vec3::ZERO)));
     bench.write("many.png", &encode_png(&Plane::from_fn(SIZE, SIZE, |x, _| Vec3::splat((x as f32 + 1.0) / 50.0))));
+    let indices = Plane::from_fn(SIZE, SIZE, |x, _| Vec3::splat(if x < SIZE / 2 { 1.0 } else { 2.0 } / 65535.0));
+    bench.write("indices.exr", &exr(&Picture { rgb: indices, alpha: None }));
     for (labels, message) in [
+        ("indices.exr", "indices.exr: contains values that are not 8-bit codes"),
         ("small.png", "small.png: the labels are"),
         ("black.png", "black.png: is black"),
         ("many.png", "many.png: contains"),
@@ -73,6 +76,7 @@ fn rejects_invalid_labels() {
     }
     bench.write("labels.png", &labels(SIZE, SIZE));
     bench.refuses("infer ball.exr -o out --regions labels.png --method joint-map", &["several materials"]);
+    bench.refuses(&format!("infer ball.exr -o out {}", "--circle 9,9,5 ".repeat(17)), &["17 circles: the limit is 16"]);
 }
 
 #[test]

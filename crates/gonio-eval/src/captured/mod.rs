@@ -65,14 +65,14 @@ pub(crate) fn run(data: &Path, options: &CapturedOptions) -> Result<()> {
         }
         let object = Captured::read(&folder)?;
         let study = study::ObjectEvaluation::new(&object).with_context(|| folder.display().to_string())?;
-        let (answers, without) =
-            study.answers(&model, study::EstimateInputs { normals: !options.outline, light: options.lit });
+        let (estimates, without) =
+            study.estimates(&model, study::EstimateInputs { normals: !options.outline, light: options.lit });
         refused.extend(without);
         if options.out.is_some() {
-            sections.push(page::section(&object, &answers));
+            sections.push(page::section(&object, &estimates));
         }
-        together.push(study.several(&model, &answers)?);
-        records.extend(answers.into_iter().map(|answer| answer.record));
+        together.push(study.several(&model, &estimates)?);
+        records.extend(estimates.into_iter().map(|estimate| estimate.record));
     }
     if let Some(out) = &options.out {
         gonio_io::atomic::write_file(out.join("captured.csv"), report::csv(&records).as_bytes())?;

@@ -83,8 +83,8 @@ pub(super) fn markdown(all: &[MultiViewErrors]) -> String {
 "
     .to_owned();
     for MultiViewErrors { object, joint, refused } in all {
-        for (at, answers) in joint.iter().enumerate().filter(|(_, answers)| !answers.is_empty()) {
-            let typical = |f: &dyn Fn(&CombinedErrors) -> f64| median(answers.iter().map(f).collect());
+        for (at, errors) in joint.iter().enumerate().filter(|(_, errors)| !errors.is_empty()) {
+            let typical = |f: &dyn Fn(&CombinedErrors) -> f64| median(errors.iter().map(f).collect());
             let _ = writeln!(
                 text,
                 "| {object} | {} | {:.2} | {:.2} | {:.0} % / {:.0} % |",

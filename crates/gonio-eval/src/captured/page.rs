@@ -23,9 +23,9 @@ pub(super) fn page(sections: &[Section]) -> String {
 
 /// Section of one object: for each photograph, the next photograph, in another light, and its
 /// predictions.
-pub(super) fn section(object: &Captured, answers: &[EvaluatedEstimate]) -> Section {
+pub(super) fn section(object: &Captured, estimates: &[EvaluatedEstimate]) -> Section {
     let cards: Vec<Markup> =
-        answers.iter().enumerate().map(|(photograph, answer)| card(object, photograph, answer)).collect();
+        estimates.iter().enumerate().map(|(photograph, estimate)| card(object, photograph, estimate)).collect();
     Section {
         id: format!("object-{}", anchor(&object.name)),
         title: object.name.clone(),
@@ -38,7 +38,7 @@ fn anchor(name: &str) -> String {
     name.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '-' }).collect()
 }
 
-fn card(object: &Captured, photograph: usize, answer: &EvaluatedEstimate) -> Markup {
+fn card(object: &Captured, photograph: usize, estimate: &EvaluatedEstimate) -> Markup {
     let other = (photograph + 1) % object.photographs.len();
     let (from, to) = (&object.photographs[photograph], &object.photographs[other]);
     let grey = |rgb: &Plane<Vec3>| object.cropped(&rgb.map(|p| Vec3::splat(luminance(*p))));
@@ -58,12 +58,12 @@ fn card(object: &Captured, photograph: usize, answer: &EvaluatedEstimate) -> Mar
             figure::picture(&show::display(&truth, exposure), &format!("{} under {}", object.name, to.name)),
         ),
     ];
-    let answers: [(&str, Reflectance<'_>); 3] = [
-        ("estimate", &|h, d| answer.material.table.eval(h, d)),
+    let estimates: [(&str, Reflectance<'_>); 3] = [
+        ("estimate", &|h, d| estimate.material.table.eval(h, d)),
         ("Lambertian", &|_, _| 1.0),
         ("measured slice", &|h, d| object.slice.eval(h, d)),
     ];
-    for (name, f) in answers {
+    for (name, f) in estimates {
         let (sent, error) = errors::prediction(object, other, f);
         let picture = show::scaled(&grey(&sent.map(|p| p.as_vec3())), error.scale);
         let alt = format!("{} under {}, predicted by the {name}", object.name, to.name);
@@ -71,7 +71,7 @@ fn card(object: &Captured, photograph: usize, answer: &EvaluatedEstimate) -> Mar
         tiles.push((label, figure::picture(&show::display(&picture, exposure), &alt)));
     }
     let tiles: Vec<(&str, Markup)> = tiles.iter().map(|(label, html)| (label.as_str(), html.clone())).collect();
-    let record = &answer.record;
+    let record = &estimate.record;
     let caption = html! {
         "Slice error " (format!("{:.2}", record.estimate.slice)) ", Lambertian " (format!("{:.2}", record.lambert.slice)) "; misfit "
         (format!("{:.0} %", 100.0 * record.misfit)) "."

@@ -119,8 +119,8 @@ fn covered(shares: [f64; 2]) -> String {
 /// Returns the CSV file, one line for each photograph.
 pub(super) fn csv(records: &[Record]) -> String {
     let mut head = vec!["object".to_owned(), "photograph".to_owned()];
-    for answer in ["estimate", "lambert", "measured", "profile"] {
-        head.extend(["slice", "relight", "log"].map(|error| format!("{answer}_{error}")));
+    for estimator in ["estimate", "lambert", "measured", "profile"] {
+        head.extend(["slice", "relight", "log"].map(|error| format!("{estimator}_{error}")));
     }
     let rest = "rgb_estimate,rgb_grey,rgb_median,rgb_one,rgb_measured,gloss_measured,gloss_estimate,gloss05,gloss50,gloss95,gloss_held,coverage50,coverage90,misfit,seconds,warnings";
     let mut text = format!("{},{rest}\n", head.join(","));

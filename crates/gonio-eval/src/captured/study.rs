@@ -134,31 +134,31 @@ impl<'a> ObjectEvaluation<'a> {
     /// without an estimate.
     ///
     /// `given` are the inputs of the estimates besides photograph and mask.
-    pub(super) fn answers(&self, model: &Model, given: EstimateInputs) -> (Vec<EvaluatedEstimate>, Vec<String>) {
-        let (mut answers, mut refused) = (Vec::new(), Vec::new());
+    pub(super) fn estimates(&self, model: &Model, given: EstimateInputs) -> (Vec<EvaluatedEstimate>, Vec<String>) {
+        let (mut estimates, mut refused) = (Vec::new(), Vec::new());
         for (index, photograph) in self.object.photographs.iter().enumerate() {
             let title = format!("{}, {}", self.object.name, photograph.name);
-            match self.answer(index, model, given) {
-                Ok(answer) => {
-                    eprintln!("{title}: {:.1} s", answer.record.seconds);
-                    answers.push(answer);
+            match self.estimate(index, model, given) {
+                Ok(estimate) => {
+                    eprintln!("{title}: {:.1} s", estimate.record.seconds);
+                    estimates.push(estimate);
                 }
                 Err(problem) => refused.push(format!("{title}: {problem:#}")),
             }
         }
-        (answers, refused)
+        (estimates, refused)
     }
 
     /// Measures the errors of the estimates from several photographs together.
     ///
     /// # Errors
     /// If an estimate has no quantiles.
-    pub(super) fn several(&self, model: &Model, answers: &[EvaluatedEstimate]) -> Result<MultiViewErrors> {
-        let ones: Vec<&Material> = answers.iter().map(|answer| &answer.material).collect();
+    pub(super) fn several(&self, model: &Model, estimates: &[EvaluatedEstimate]) -> Result<MultiViewErrors> {
+        let ones: Vec<&Material> = estimates.iter().map(|estimate| &estimate.material).collect();
         MultiViewErrors::of(&self.object.name, &self.cells, model, &ones)
     }
 
-    fn answer(&self, photograph: usize, model: &Model, given: EstimateInputs) -> Result<EvaluatedEstimate> {
+    fn estimate(&self, photograph: usize, model: &Model, given: EstimateInputs) -> Result<EvaluatedEstimate> {
         let start = Instant::now();
         let found = estimate(self.object, photograph, model, given)?;
         let record = self.record(photograph, &found, start.elapsed().as_secs_f64())?;

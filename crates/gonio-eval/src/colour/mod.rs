@@ -15,7 +15,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail};
 use clap::ValueEnum;
 use glam::{DQuat, Vec3};
-use gonio::colour::{Chroma, ChromaField, ColourModel, white_chroma};
+use gonio::colour::{Chroma, ChromaField, white_chroma};
 use gonio::model::Model;
 use gonio::reflectance::{BivariateTable, brdf_scale, trusted_cells};
 use gonio::render::{LightTree, Relighter};
@@ -86,7 +86,7 @@ struct Record {
     mean_chroma: f64,
     /// The same distance after division by the chroma of the photograph's light, which a blind
     /// estimate cannot determine.
-    apart: f64,
+    without_light: f64,
     /// Distance of the chroma of the body from the true one.
     body: f64,
     /// Share of the cells of each channel in their 90 % intervals, mean of the channels.
@@ -98,10 +98,7 @@ struct Record {
 
 pub(crate) fn run(data: &Path, options: &ColourOptions) -> Result<()> {
     let mut model = options.model.read()?;
-    let colours = learn(data, &model, options.stride)?;
-    if let Some(learnt) = model.learnt.as_mut() {
-        learnt.colours = Some(colours);
-    }
+    train_colours(&mut model, data, options.stride)?;
     let subjects: Vec<Subject> = subjects(data)?
         .into_iter()
         .filter(|subject| subject.name.contains(&options.only))
@@ -162,14 +159,16 @@ pub(crate) fn photographs(
     Ok(())
 }
 
-/// Learns the model of colours from the MERL materials in every `stride`-th training light, or
-/// loads it from the cache.
-fn learn(data: &Path, model: &Model, stride: u32) -> Result<ColourModel> {
-    let learnt = model.learnt.as_ref().context("the embedded model has no posterior of materials")?;
+/// Replaces the model of colours by one that is learnt from the MERL materials in every `stride`-th
+/// training light, or loads it from the cache. That of the embedded model was also learnt from the
+/// materials of [`subjects`].
+pub(crate) fn train_colours(model: &mut Model, data: &Path, stride: u32) -> Result<()> {
+    let learnt = model.learnt.as_mut().context("the embedded model has no posterior of materials")?;
     let cache = Cache::open();
     let merl = gonio_io::bivariate::read_bivariate_set(data.join("merl"))?;
     let materials = merl.into_iter().map(|(_, rgb)| rgb).collect();
-    posteriors::colours(&cache, learnt, materials, &Lights::training(data)?, stride as usize)
+    learnt.colours = Some(posteriors::colours(&cache, learnt, materials, &Lights::training(data)?, stride as usize)?);
+    Ok(())
 }
 
 /// Returns the materials outside all training data.
@@ -231,8 +230,8 @@ fn judge(
         errors[0].push(rgb.relative);
         errors[1].push(relight(&luminances(&got), &luminances(&want)).relative);
         errors[2].push(rgb.mean_chroma);
-        let apart: Vec<Vec3> = got.iter().map(|rgb| *rgb / of_light).collect();
-        errors[3].push(relight_rgb(&apart, &want).mean_chroma);
+        let without_light: Vec<Vec3> = got.iter().map(|rgb| *rgb / of_light).collect();
+        errors[3].push(relight_rgb(&without_light, &want).mean_chroma);
     }
     let tables = [&found.tables, &subject.rgb].map(BivariateTable::luminance);
     let body = |rgb: &[BivariateTable; 3], table| ChromaField::of_tables(rgb).body(table);
@@ -255,7 +254,7 @@ fn judge(
         rgb: mean(&errors[0]),
         luminance: mean(&errors[1]),
         mean_chroma: mean(&errors[2]),
-        apart: mean(&errors[3]),
+        without_light: mean(&errors[3]),
         body: got.distance(want),
         cells,
         inside: found.body.map(|ends| [0, 1].map(|c| ends[c][0] <= want.0[c] && want.0[c] <= ends[c][1])),
@@ -265,7 +264,7 @@ fn judge(
 
 fn csv(records: &[Record]) -> String {
     let mut out = String::from(
-        "group,material,light,estimator,rgb,luminance,mean_chroma,apart_from_light,body,cells_in_90,body_in_90,warned\n",
+        "group,material,light,estimator,rgb,luminance,mean_chroma,without_light,body,cells_in_90,body_in_90,warned\n",
     );
     for r in records {
         let cells = r.cells.map(|share| format!("{share:.3}")).unwrap_or_default();
@@ -274,7 +273,7 @@ fn csv(records: &[Record]) -> String {
         let _ = writeln!(
             out,
             "{},{},{},{name},{:.4},{:.4},{:.4},{:.4},{:.4},{cells},{inside},{}",
-            r.group, r.material, r.light, r.rgb, r.luminance, r.mean_chroma, r.apart, r.body, r.warned
+            r.group, r.material, r.light, r.rgb, r.luminance, r.mean_chroma, r.without_light, r.body, r.warned
         );
     }
     out
@@ -291,7 +290,7 @@ fn summary(records: &[Record], estimators: &[ColourEstimator]) -> String {
         let _ = writeln!(
             out,
             "\n{group}: medians of {} photographs\n\n\
-             | estimator | RGB relight | luminance relight | mean chroma (90th percentile) | apart from the light | body | cells in 90 % | body in 90 % |\n\
+             | estimator | RGB relight | luminance relight | mean chroma (90th percentile) | without light | body | cells in 90 % | body in 90 % |\n\
              |---|---|---|---|---|---|---|---|",
             of(estimators[0]).count()
         );
@@ -315,7 +314,7 @@ fn summary(records: &[Record], estimators: &[ColourEstimator]) -> String {
                 median(all(|r| r.luminance)),
                 median(all(|r| r.mean_chroma)),
                 ninetieth(all(|r| r.mean_chroma)),
-                median(all(|r| r.apart)),
+                median(all(|r| r.without_light)),
                 median(all(|r| r.body)),
                 percent(inside.collect()),
             );

@@ -46,12 +46,12 @@ struct Explanation {
 impl Explanation {
     fn of(image: &Projected, (posterior, table): (Posterior, BivariateTable)) -> Self {
         let shown = image.bilinear.apply(&posterior.light, &posterior.reflectance);
-        let left: f64 = image.target.iter().zip(shown).map(|(i, y)| (i - posterior.exposure * y).powi(2)).sum();
+        let residual: f64 = image.target.iter().zip(shown).map(|(i, y)| (i - posterior.exposure * y).powi(2)).sum();
         let outside = image.energy() - image.target.iter().map(|i| i * i).sum::<f64>();
         Self {
             gloss: Gloss::of(&table),
             detail: detail(&posterior.light),
-            misfit: ((left + outside.max(0.0)) / image.energy()).sqrt(),
+            misfit: ((residual + outside.max(0.0)) / image.energy()).sqrt(),
             converged: posterior.starts[posterior.best_start].converged,
             table,
         }

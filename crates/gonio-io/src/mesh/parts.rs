@@ -78,13 +78,13 @@ impl<'a> MeshBuilder<'a> {
             return Ok(());
         }
         let vertices = self.positions.len();
-        let place = |&i: &u32| self.positions.get(i as usize).copied();
-        let Some(places) = corners.iter().map(place).collect::<Option<Vec<DVec3>>>() else {
+        let position = |&i: &u32| self.positions.get(i as usize).copied();
+        let Some(polygon) = corners.iter().map(position).collect::<Option<Vec<DVec3>>>() else {
             let index = corners.iter().max().copied().unwrap_or_default();
             let problem = format!("has a face that refers to vertex {index}, but there are only {vertices}");
             return Err(Error::damaged(self.path, problem));
         };
-        let Some(cut) = triangulate(&places) else {
+        let Some(cut) = triangulate(&polygon) else {
             let problem = format!("has a face with {} corners that is not convex", corners.len());
             return Err(Error::unsupported(self.path, problem, "triangulate the mesh on export"));
         };
@@ -107,8 +107,8 @@ impl<'a> MeshBuilder<'a> {
 /// Triangulates a polygon, as indices of its corners; `None` if it is not convex and has too many
 /// corners. A polygon that intersects itself gives the same number of triangles, some of which
 /// overlap.
-fn triangulate(places: &[DVec3]) -> Option<Vec<[usize; 3]>> {
-    let flat = flatten(places);
+fn triangulate(polygon: &[DVec3]) -> Option<Vec<[usize; 3]>> {
+    let flat = flatten(polygon);
     let count = flat.len();
     let turn = |a: usize, b: usize, c: usize| (flat[b] - flat[a]).perp_dot(flat[c] - flat[b]);
     let convex = (0..count).all(|i| turn(i, (i + 1) % count, (i + 2) % count) >= 0.0);
@@ -142,38 +142,38 @@ fn triangulate(places: &[DVec3]) -> Option<Vec<[usize; 3]>> {
 }
 
 /// Projects the polygon to its mean plane, counterclockwise.
-fn flatten(places: &[DVec3]) -> Vec<DVec2> {
-    let origin = places[0];
-    let next = places.iter().cycle().skip(1);
-    let area: DVec3 = places.iter().zip(next).map(|(p, q)| (*p - origin).cross(*q - origin)).sum();
+fn flatten(polygon: &[DVec3]) -> Vec<DVec2> {
+    let origin = polygon[0];
+    let next = polygon.iter().cycle().skip(1);
+    let area: DVec3 = polygon.iter().zip(next).map(|(p, q)| (*p - origin).cross(*q - origin)).sum();
     let normal = area.try_normalize().unwrap_or(DVec3::Z);
     let u = normal.any_orthonormal_vector();
     let v = normal.cross(u);
-    places.iter().map(|p| DVec2::new((*p - origin).dot(u), (*p - origin).dot(v))).collect()
+    polygon.iter().map(|p| DVec2::new((*p - origin).dot(u), (*p - origin).dot(v))).collect()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn area(places: &[DVec3], triangles: &[[usize; 3]]) -> f64 {
-        let twice = |t: &[usize; 3]| (places[t[1]] - places[t[0]]).cross(places[t[2]] - places[t[0]]).z;
+    fn area(polygon: &[DVec3], triangles: &[[usize; 3]]) -> f64 {
+        let twice = |t: &[usize; 3]| (polygon[t[1]] - polygon[t[0]]).cross(polygon[t[2]] - polygon[t[0]]).z;
         assert!(triangles.iter().all(|t| twice(t) >= 0.0), "a triangle is turned over: {triangles:?}");
         triangles.iter().map(twice).sum::<f64>() / 2.0
     }
 
-    fn places(flat: &[(f64, f64)]) -> Vec<DVec3> {
+    fn polygon(flat: &[(f64, f64)]) -> Vec<DVec3> {
         flat.iter().map(|&(x, y)| DVec3::new(x, y, 3.0)).collect()
     }
 
     #[test]
     fn polygons_are_covered_once() {
-        let arrow = places(&[(0.0, 0.0), (2.0, -1.0), (0.5, 0.0), (2.0, 1.0)]);
+        let arrow = polygon(&[(0.0, 0.0), (2.0, -1.0), (0.5, 0.0), (2.0, 1.0)]);
         let comb: Vec<(f64, f64)> = (0..20)
             .map(|i| (f64::from(19 - i), if i % 2 == 0 { 5.0 } else { 1.0 }))
             .chain([(0.0, 0.0), (19.0, 0.0)])
             .collect();
-        let comb = places(&comb);
+        let comb = polygon(&comb);
         for (polygon, want) in [(&arrow, 0.5), (&comb, 19.0 * 3.0)] {
             // The area does not depend on the first corner.
             for shift in 0..polygon.len() {
@@ -188,7 +188,7 @@ mod tests {
 
     #[test]
     fn triangulation_of_degenerate_polygons_terminates() {
-        let crossed = places(&[(0.0, 0.0), (1.0, 1.0), (1.0, 0.0), (0.0, 1.0), (0.5, 3.0)]);
+        let crossed = polygon(&[(0.0, 0.0), (1.0, 1.0), (1.0, 0.0), (0.0, 1.0), (0.5, 3.0)]);
         assert_eq!(triangulate(&crossed).unwrap().len(), 3);
         assert_eq!(triangulate(&[DVec3::ONE; 9]).unwrap().len(), 7);
         assert_eq!(triangulate(&[DVec3::NAN; 5]).unwrap().len(), 3);

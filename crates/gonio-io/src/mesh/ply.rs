@@ -248,7 +248,8 @@ mod tests {
             );
             let (mesh, defects) = read(text.as_bytes()).unwrap();
             assert_eq!((defects.triangles, defects.normals_computed), (triangles, true), "{list}");
-            assert_eq!(mesh.positions(), SQUARE.map(DVec3::from_array));
+            // One triangle leaves the fourth vertex loose.
+            assert_eq!(mesh.positions(), &SQUARE.map(DVec3::from_array)[..triangles + 2]);
         }
     }
 

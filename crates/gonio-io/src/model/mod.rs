@@ -20,7 +20,7 @@ use serde::{Deserialize, Serialize};
 use crate::{Error, guard};
 use container::{Container, Metadata, Tensor};
 
-/// Longest file read, 64 MiB: two hundred times the size of ten functions and a hundred materials.
+/// Longest file read, 64 MiB: nine times the embedded model.
 const MAX_BYTES: u64 = 64 << 20;
 
 /// Kind of content of a file.
@@ -200,7 +200,9 @@ pub const EMBEDDED_SOURCES: &str = "\
 7 captured lights of the sIBL Archive: CC BY-NC-SA 3.0 US (not verified), no commercial use
 6 captured lights of others: various or unknown terms
 100 materials of the MERL database, reconstructed: CC BY-SA 4.0 according to its readme of
-  2023, research use only according to that of 2006";
+  2023, research use only according to that of 2006
+41 measurements for the model of colours (33 of EPFL/RGL, 8 of Nielsen et al.), reconstructed: the
+  authors request citation";
 
 /// Decodes the light prior for the paper's version of the inference.
 ///

@@ -278,7 +278,7 @@ fn inconsistent_posteriors_are_rejected() {
     };
     spoilt(|p| p.latent_space.mean[5] = f32::NAN, "a table has values that are not finite");
     spoilt(|p| p.widths[7] = f32::INFINITY, "a table has values that are not finite");
-    spoilt(|p| p.measured.coordinates[1][0] = f32::NAN, "a place has values that are not finite");
+    spoilt(|p| p.measured.coordinates[1][0] = f32::NAN, "a list of coordinates has values that are not finite");
     spoilt(|p| p.prior.embeddings[6][4] = f32::NAN, "an embedding has values that are not finite");
     spoilt(|p| p.names.truncate(1), "the list of material coordinates has 2 values instead of 1");
     spoilt(|p| p.prior = Candidates { coordinates: vec![], embeddings: vec![] }, "no materials of the prior");

@@ -108,7 +108,7 @@ def check(
     messages += found["warnings"]
     for message in messages:
         warnings.warn(message, GonioWarning, stacklevel=2)
-    return Checked(found["picture"], found["outlines"], json.loads(found["notes"]), messages)
+    return Checked(found["picture"], found["outlines"], json.loads(found["document"]), messages)
 
 
 @dataclass(frozen=True)
@@ -223,9 +223,9 @@ def merge(
     for message in found["warnings"]:
         warnings.warn(message, GonioWarning, stacklevel=2)
     picture = found["picture"] if found["alpha"] is None else np.dstack([found["picture"], found["alpha"]])
-    notes = json.loads(found["notes"])
+    document = json.loads(found["document"])
     return Merged(
-        picture, found["clip_level"], found["origin"], found["response"], notes, found["warnings"], found["response_file"]
+        picture, found["clip_level"], found["origin"], found["response"], document, found["warnings"], found["response_file"]
     )
 
 

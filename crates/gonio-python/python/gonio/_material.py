@@ -61,7 +61,7 @@ class Result:
     def result(self) -> dict[str, Any]:
         """All numbers by name, as in ``result.json``."""
         if self._result is None:
-            self._result = json.loads(self._found["notes"])
+            self._result = json.loads(self._found["document"])
         assert self._result is not None
         return self._result
 
@@ -111,7 +111,7 @@ class Result:
             "luminance_quantiles": None,
             "rgb_quantiles": None,
             "pictures": self.pictures,
-            "notes": json.dumps(self.result, indent=2, allow_nan=False),
+            "document": json.dumps(self.result, indent=2, allow_nan=False),
             "page": None,
         }
         self._complete(result)

@@ -83,7 +83,7 @@ class PhotographResult(Result):
     def result(self) -> dict[str, Any]:
         """All numbers by name, as in the ``result.json`` of ``gonio infer``."""
         if self._result is None:
-            self._result = {**json.loads(self._found["notes"]), "warnings": list(self.warnings)}
+            self._result = {**json.loads(self._found["document"]), "warnings": list(self.warnings)}
         return self._result
 
     def _complete(self, result: SavedResult) -> None:

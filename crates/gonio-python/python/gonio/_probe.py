@@ -165,8 +165,8 @@ def light_probe(
     }
     first = scene(image, "the image", mask, circle)
     other = None if second is None else scene(second, "the second image", second_mask, second_circle)
-    light, coverage, drawn, notes, more = _gonio.light_probe(first, other, settings, {"progress": progress, "poll": None})
+    light, coverage, drawn, document, more = _gonio.light_probe(first, other, settings, {"progress": progress, "poll": None})
     messages += more
     for message in messages:
         warnings.warn(message, GonioWarning, stacklevel=2)
-    return LightProbe(light, coverage, drawn, json.loads(notes), messages, written)
+    return LightProbe(light, coverage, drawn, json.loads(document), messages, written)

@@ -150,7 +150,7 @@ class BrdfData(TypedDict):
     colors: Doubles
     luminance: Floats
     pictures: dict[str, Bytes]
-    notes: str
+    document: str
     model: Model
 
 
@@ -193,7 +193,7 @@ class CheckData(TypedDict):
 
     picture: Bytes
     outlines: list[str]
-    notes: str
+    document: str
     warnings: list[str]
 
 
@@ -206,7 +206,7 @@ class MergeData(TypedDict):
     clip_level: float
     response: Doubles
     response_file: bytes
-    notes: str
+    document: str
     warnings: list[str]
 
 
@@ -235,7 +235,7 @@ class SavedResult(TypedDict):
     luminance_quantiles: Floats | None
     rgb_quantiles: Floats | None
     pictures: dict[str, NDArray[np.uint8]]
-    notes: str
+    document: str
     page: str | None
 
 

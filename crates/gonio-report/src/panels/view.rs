@@ -107,10 +107,10 @@ impl<'a> View<'a> {
         Picture { rgb: Plane::from_vec(side, side, rgb), alpha: Some(Plane::from_vec(side, side, alpha)) }
     }
 
-    /// Returns the surface points at every `apart`th pixel of a panel, row by row; `None` where
+    /// Returns the surface points at every `step`th pixel of a panel, row by row; `None` where
     /// there is no surface.
-    fn points(&self, normals: &Plane<Vec3>, placed: Option<&PosedSurface>, apart: usize) -> Vec<Option<SurfacePoint>> {
-        let side = PANEL / apart;
+    fn points(&self, normals: &Plane<Vec3>, placed: Option<&PosedSurface>, step: usize) -> Vec<Option<SurfacePoint>> {
+        let side = PANEL / step;
         let coverage = self.coverage();
         let point = |i: usize| {
             let at = self.pixel(i % side, i / side, side, normals.size())?;
@@ -170,13 +170,13 @@ impl<'a> View<'a> {
 
     /// Computes the visibility of the light at some points, on a grid fine enough for viewing;
     /// `None` if nothing is occluded.
-    fn visibility(&self, points: &[Option<SurfacePoint>], apart: usize) -> Option<Visibility> {
+    fn visibility(&self, points: &[Option<SurfacePoint>], step: usize) -> Option<Visibility> {
         let Self::Normals(normals, _, _, Some(placed)) = self else { return None };
         if placed.surface.is_convex() {
             return None;
         }
-        let side = PANEL / apart;
-        let lookout = |(i, point): (usize, &Option<SurfacePoint>)| {
+        let side = PANEL / step;
+        let viewpoint = |(i, point): (usize, &Option<SurfacePoint>)| {
             let hit = point.as_ref().and_then(|_| {
                 let (x, y) = self.pixel(i % side, i / side, side, normals.size())?;
                 hit_at(placed.surface.as_ref(), &placed.camera, x, y)
@@ -187,7 +187,7 @@ impl<'a> View<'a> {
                 normal: h.normal,
             })
         };
-        let lookouts: Vec<VisibilityPoint> = points.iter().enumerate().map(lookout).collect();
+        let lookouts: Vec<VisibilityPoint> = points.iter().enumerate().map(viewpoint).collect();
         Some(Visibility::trace(placed.surface.as_ref(), &lookouts, OctahedralMap::EqualArea, SHADOWS, &|_| ()))
     }
 

@@ -33,8 +33,9 @@ pub(crate) fn details(
         // The centre of a quarter is a quarter of a cell from the centre of the cell.
         let (x, y) = (0.25 * slope(cell, 1), 0.25 * slope(cell, DISK_SIDE));
         let plane = [-x - y, x - y, y - x, x + y];
-        let squares = quarters.iter().zip(plane).map(|(q, p)| (q - mean - p).powi(2));
-        Some((0.25 * squares.sum::<f32>()).sqrt())
+        // Squares of single precision overflow for radiance above 1e19.
+        let squares = quarters.iter().zip(plane).map(|(q, p)| f64::from(q - mean - p).powi(2));
+        Some((0.25 * squares.sum::<f64>()).sqrt() as f32)
     };
     (0..DISK_SIDE * DISK_SIDE).map(detail).collect()
 }

@@ -11,17 +11,17 @@ const BLOCK: usize = 4;
 /// The share is the root mean square of the deviations of observed cells from the mean of their
 /// block, relative to that of the image. It holds for any material.
 pub fn fineness(image: &DiskImage) -> f64 {
-    let (mut left, mut all) = (0.0, 0.0);
+    let (mut residual, mut all) = (0.0, 0.0);
     for block in 0..(DISK_SIDE / BLOCK).pow(2) {
         let (row, column) = (block / (DISK_SIDE / BLOCK) * BLOCK, block % (DISK_SIDE / BLOCK) * BLOCK);
         let cells = (0..BLOCK * BLOCK).map(|i| (row + i / BLOCK) * DISK_SIDE + column + i % BLOCK);
         let seen: Vec<f64> =
             cells.filter(|&cell| image.counts[cell] > 0.0).map(|cell| f64::from(image.values[cell])).collect();
         let mean = seen.iter().sum::<f64>() / seen.len().max(1) as f64;
-        left += seen.iter().map(|value| (value - mean).powi(2)).sum::<f64>();
+        residual += seen.iter().map(|value| (value - mean).powi(2)).sum::<f64>();
         all += seen.iter().map(|value| value * value).sum::<f64>();
     }
-    (left / f64::max(all, f64::MIN_POSITIVE)).sqrt()
+    (residual / f64::max(all, f64::MIN_POSITIVE)).sqrt()
 }
 
 #[cfg(test)]

@@ -13,8 +13,8 @@ const NORMALS: usize = 2000;
 /// Largest angle between normal and view in degrees, as in the paper.
 const MAX_ANGLE: f64 = 80.0;
 
-/// Angle in degrees within which a point belongs to a normal of the lattice: wide enough for one or
-/// two of 10,000 observations.
+/// Angle in degrees within which a point belongs to a normal of the lattice: wide enough for about
+/// seven of 10,000 observations.
 const POINT_RADIUS: f64 = 2.0;
 
 /// Standard normals of the visible hemisphere, in the frame of the view (z towards the camera).

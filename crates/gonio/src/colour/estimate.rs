@@ -60,7 +60,7 @@ impl ChromaInterval {
 pub struct ColourEstimate {
     /// Chroma of every cell.
     pub field: ChromaField,
-    /// Equally likely fields, one for each draw of the luminance of the material.
+    /// Equally likely fields, with which draws of the luminance are paired in turn.
     pub draws: Vec<ChromaField>,
     /// Chroma of the body ([`ChromaField::body`]).
     pub body: ChromaInterval,

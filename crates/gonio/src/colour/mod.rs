@@ -8,8 +8,9 @@
 //! measured materials and simulated photographs, describes the differences between channels of
 //! materials and the errors of their estimates. Both are Gaussian, and so is the posterior of the
 //! differences ([`ColourModel::posterior`]). Under a known light, the same prior couples the
-//! channels
-//! ([`KnownLightPosterior::channels`](crate::inference::known_light::KnownLightPosterior)).
+//! channels ([`KnownLightPosterior::with_channels`]).
+//!
+//! [`KnownLightPosterior::with_channels`]: crate::inference::known_light::KnownLightPosterior::with_channels
 //!
 //! A photograph does not separate the mean chroma of the material from that of the light. Unless
 //! the chroma of the light is known, it is assumed neutral, and the uncertainty of the material's

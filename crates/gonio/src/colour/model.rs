@@ -125,11 +125,11 @@ impl ColourModel {
             let solved = sum.solve(&read);
             let mean = (0..n).map(|i| (0..n).map(|j| prior[(i, j)] * solved[j]).sum()).collect();
             let gained = sum.solve_all(&prior);
-            let left = Mat::from_fn(n, n, |i, j| {
+            let remaining = Mat::from_fn(n, n, |i, j| {
                 let known: f64 = (0..n).map(|k| prior[(i, k)] * gained[(k, j)]).sum();
                 prior[(i, j)] - known + if i == j { 1e-9 } else { 0.0 }
             });
-            Some((mean, square_root(&left)))
+            Some((mean, square_root(&remaining)))
         };
         let [red, green, blue] = [one(0)?, one(1)?, one(2)?];
         let lights = match light {
@@ -317,9 +317,9 @@ pub(crate) mod tests {
         let found = model.posterior(&luminance, &channels, None).unwrap();
         let (prior, read) = (free_last(&model.differences), red.minus(&luminance));
         let error = Mat::from_fn(n, n, |i, j| model.errors[0][i][j]);
-        let left: Vec<f64> = read.iter().zip(&found.means[0]).map(|(y, x)| y - x).collect();
+        let residuals: Vec<f64> = read.iter().zip(&found.means[0]).map(|(y, x)| y - x).collect();
         let (of_prior, of_reading) =
-            (Cholesky::new(prior).unwrap().solve(&found.means[0]), Cholesky::new(error).unwrap().solve(&left));
+            (Cholesky::new(prior).unwrap().solve(&found.means[0]), Cholesky::new(error).unwrap().solve(&residuals));
         for (a, b) in of_prior.iter().zip(&of_reading) {
             assert!((a - b).abs() < 1e-6 * (1.0 + a.abs()), "{a} {b}");
         }

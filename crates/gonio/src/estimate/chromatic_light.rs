@@ -107,7 +107,7 @@ impl Rows {
 
     /// Estimates the colours of a light; `None` if the photograph is black.
     pub(super) fn under(&self, colouring: &Colouring, light: &Light) -> Option<ChromaticLight> {
-        Images::of(self, colouring, light).map(|images| images.tint(light))
+        Images::of(self, colouring, light).map(|images| images.chromatic_light(light))
     }
 }
 
@@ -178,7 +178,7 @@ impl Images {
         (0..self.colours.len()).map(|i| DVec3::from_array([0, 1, 2].map(|c| sum(c, i)))).collect()
     }
 
-    fn tint(&self, light: &Light) -> ChromaticLight {
+    fn chromatic_light(&self, light: &Light) -> ChromaticLight {
         let plain = self.plain();
         let tints = self.posterior(&plain, light.misfit.max(MIN_ERROR), light.grid.map());
         let (fine, white) = (light.grid.side(), Vec3::from_array(self.white.map(|x| x as f32)));
@@ -191,7 +191,7 @@ impl Images {
         let texels = light.grid.texels().iter().enumerate().map(texel).collect();
         ChromaticLight {
             grid: LightGrid::from_texels(light.grid.map(), fine, texels),
-            chroma_residual: self.apart(&plain),
+            chroma_residual: self.chroma_residual(&plain),
             misfit: self.misfit(&tints),
         }
     }
@@ -200,7 +200,7 @@ impl Images {
     ///
     /// Each is the root of the mean product of neighbouring observations, in which the noise of
     /// single pixels cancels.
-    fn apart(&self, plain: &[DVec3]) -> [f64; 2] {
+    fn chroma_residual(&self, plain: &[DVec3]) -> [f64; 2] {
         let difference = |(observed, made): (&DVec3, &DVec3)| {
             let (observed, made) = (Chroma::of(*observed).0, Chroma::of(*made).0);
             AXES.map(|(axis, _)| axis[0] * (observed[0] - made[0]) + axis[1] * (observed[1] - made[1]))
@@ -222,15 +222,15 @@ impl Images {
 
     /// Returns the relative root mean square residual, given the tints.
     fn misfit(&self, tints: &[DVec3]) -> f64 {
-        let (mut left, mut all) = (0.0, 0.0);
+        let (mut residual, mut all) = (0.0, 0.0);
         for (i, (observed, weight)) in self.colours.iter().zip(&self.weights).enumerate() {
             for c in 0..3 {
                 let made: f64 = self.parts[c].col_as_slice(i).iter().zip(tints).map(|(g, t)| g * (1.0 + t[c])).sum();
-                left += weight * (observed[c] - made).powi(2);
+                residual += weight * (observed[c] - made).powi(2);
                 all += weight * observed[c].powi(2);
             }
         }
-        (left / all.max(f64::MIN_POSITIVE)).sqrt()
+        (residual / all.max(f64::MIN_POSITIVE)).sqrt()
     }
 
     /// Returns the tints of red, green and blue of one standard deviation along each axis.

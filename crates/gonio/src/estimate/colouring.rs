@@ -111,9 +111,9 @@ impl Colouring {
     ///
     /// `table` is the luminance of the material.
     #[must_use]
-    pub fn less_certain(mut self, table: &BivariateTable, tint: &ChromaticLight) -> Self {
+    pub fn less_certain(mut self, table: &BivariateTable, light: &ChromaticLight) -> Self {
         if let Self::Estimate(found) = &mut self {
-            found.add_error(table, ERROR_PER_GAP * tint.chroma_residual[1], COLOUR_SEED);
+            found.add_error(table, ERROR_PER_GAP * light.chroma_residual[1], COLOUR_SEED);
         }
         self
     }

@@ -45,8 +45,8 @@ pub enum Diagnostic {
         misfit: f64,
         /// Expected residual ([`expected_misfit`](super::expected_misfit)).
         expected: f64,
-        /// The most probable reason.
-        reason: MisfitCause,
+        /// The most probable cause.
+        cause: MisfitCause,
     },
 }
 
@@ -98,13 +98,13 @@ impl fmt::Display for Diagnostic {
                 "the pixels of the environment map are {degrees:.1} degrees wide, wider than the highlight, so the sharpness \
                  of the material is undetermined; use an environment map of higher resolution"
             ),
-            Self::Misfit { misfit: left, expected, reason } => write!(
+            Self::Misfit { misfit, expected, cause } => write!(
                 f,
                 "the misfit (relative RMS residual of the photograph) is {:.0} %, but only {:.0} % is expected; possible \
                  causes are {}",
-                100.0 * left,
+                100.0 * misfit,
                 100.0 * expected,
-                match reason {
+                match cause {
                     MisfitCause::Texture => "strong texture, scratches, dust and noise",
                     MisfitCause::KnownLight =>
                         "an environment map that is rotated, clipped, too coarse or from another place, several materials, \
@@ -114,18 +114,18 @@ impl fmt::Display for Diagnostic {
                          self-shadowing, nearby lights, and a tone-mapped photograph",
                 }
             ),
-            Self::Channel { channel, misfit: left } => write!(
+            Self::Channel { channel, misfit } => write!(
                 f,
                 "the {} channel has a residual of {:.0} % in addition to the misfit of the luminance; possible \
                  causes are an environment map of another white balance or colour space, and several colours",
                 ["red", "green", "blue"][*channel],
-                100.0 * left,
+                100.0 * misfit,
             ),
-            Self::Colours(apart) => write!(
+            Self::Colours(residual) => write!(
                 f,
                 "the colours of photograph and BRDF differ by {:.0} % along the green-magenta axis; the BRDF has wrong \
                  colours, or part of the light is green, as over grass",
-                100.0 * (apart.exp() - 1.0)
+                100.0 * (residual.exp() - 1.0)
             ),
             Self::Undetermined(share) => write!(
                 f,

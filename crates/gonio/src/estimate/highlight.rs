@@ -90,12 +90,11 @@ pub fn two_digits(value: f64) -> String {
     if !value.is_finite() || value <= 0.0 {
         return format!("{value}");
     }
-    let digits = 1 - value.log10().floor() as i32;
-    if digits > 0 {
-        format!("{value:.*}", digits as usize)
-    } else {
-        format!("{}", (value / 10_f64.powi(-digits)).round() * 10_f64.powi(-digits))
-    }
+    let digits = |value: f64| 1 - value.log10().floor() as i32;
+    let rounded = |digits: i32| (value * 10_f64.powi(digits)).round() * 10_f64.powi(-digits);
+    // Rounding may add a digit: 9.97 is 10.
+    let digits = digits(rounded(digits(value)));
+    if digits > 0 { format!("{value:.*}", digits as usize) } else { format!("{}", rounded(digits)) }
 }
 
 impl Highlight {
@@ -166,6 +165,12 @@ mod tests {
     fn smoother_surfaces_have_a_higher_finish() {
         let names = [0.02, 0.1, 0.3, 0.41, 0.6, 1.0].map(|roughness| Finish::of(roughness, 100.0).name());
         assert_eq!(names, ["mirror", "gloss", "semi-gloss", "satin", "matte", "matte"]);
+    }
+
+    #[test]
+    fn numbers_have_two_digits() {
+        let numbers = [0.004_56, 0.997, 1.0, 9.94, 9.97, 12.4, 99.6, 1749.0, f64::INFINITY].map(two_digits);
+        assert_eq!(numbers, ["0.0046", "1.0", "1.0", "9.9", "10", "12", "100", "1700", "inf"]);
     }
 
     #[test]

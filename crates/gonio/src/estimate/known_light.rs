@@ -6,7 +6,7 @@ use glam::{DQuat, DVec3};
 
 use super::colouring::{COLOUR_DRAWS, COLOUR_SEED};
 use super::material::MaterialDraft;
-use super::misfit::MAX_NOISE;
+use super::misfit::{MAX_NOISE, MISFIT_WARNING_RATIO};
 use super::{Colouring, ColouringRule, Diagnostic, EstimateError, EstimateStage, Material, MisfitCause};
 use crate::appearance::DiskImage;
 use crate::colour::{Chroma, ColourEstimate, is_grey};
@@ -26,9 +26,6 @@ use crate::scene::Observations;
 /// Relative root mean square residual of a clean photograph under the correct light: about the 95 %
 /// quantile over left-out materials (`gonio-eval bench`, docs/results.md).
 const EXPECTED: f64 = 0.1;
-
-/// Ratio of the misfit to the expected one above which it is reported.
-const MISFIT_WARNING_RATIO: f64 = 1.25;
 
 /// Residual of a channel, beyond that of the luminance, above which it is reported.
 const MAX_CHANNEL_MISFIT: f64 = 0.1;
@@ -77,11 +74,11 @@ impl KnownLightEstimate {
 
     /// Returns the diagnostics, misfit first, including the corrections of the environment map.
     pub fn diagnostics(&self) -> Vec<Diagnostic> {
-        let (left, expected) = (self.misfit, self.expected_misfit());
-        let misfit = (left > MISFIT_WARNING_RATIO * expected).then_some(Diagnostic::Misfit {
-            misfit: left,
+        let (misfit, expected) = (self.misfit, self.expected_misfit());
+        let of_misfit = (misfit > MISFIT_WARNING_RATIO * expected).then_some(Diagnostic::Misfit {
+            misfit,
             expected,
-            reason: MisfitCause::KnownLight,
+            cause: MisfitCause::KnownLight,
         });
         let turn = self.rotation.to_scaled_axis();
         let turned =
@@ -89,13 +86,13 @@ impl KnownLightEstimate {
         let clipped = self.gain.filter(|(gain, sd)| *gain > BRIGHTER && gain.ln() > 2.0 * sd);
         let pixel = PI / self.map_rows as f64;
         let coarse = (highlight(&self.material.table) < pixel).then(|| Diagnostic::Coarse(pixel.to_degrees()));
-        let channel = self.channel_misfit.and_then(|left| {
-            let worst = (0..3).max_by(|a, b| left[*a].total_cmp(&left[*b]))?;
-            (left[worst] > MAX_CHANNEL_MISFIT.hypot(self.material.scatter))
-                .then_some(Diagnostic::Channel { channel: worst, misfit: left[worst] })
+        let channel = self.channel_misfit.and_then(|misfits| {
+            let worst = (0..3).max_by(|a, b| misfits[*a].total_cmp(&misfits[*b]))?;
+            (misfits[worst] > MAX_CHANNEL_MISFIT.hypot(self.material.scatter))
+                .then_some(Diagnostic::Channel { channel: worst, misfit: misfits[worst] })
         });
         let of_light = [channel, turned, clipped.map(|(gain, sd)| Diagnostic::Clipped { gain, sd }), coarse];
-        misfit.into_iter().chain(of_light.into_iter().flatten()).chain(self.material.diagnostics()).collect()
+        of_misfit.into_iter().chain(of_light.into_iter().flatten()).chain(self.material.diagnostics()).collect()
     }
 
     /// Returns the given map with the fitted gain of its clipped pixels and the fitted rotation.

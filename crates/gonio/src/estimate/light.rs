@@ -96,7 +96,7 @@ impl Light {
         };
         let radiance: Vec<f64> = coefficients.iter().map(|l| l * exposure).collect();
         Ok(Self {
-            grid: LightGrid::from_coefficients(model.light.map, &radiance),
+            grid: LightGrid::from_coefficients(model.light.map, &radiance).non_negative(),
             misfit: problem.misfit(&radiance),
             coefficients,
             sd,

@@ -127,7 +127,7 @@ pub fn draws(
 
 /// Returns draws from the posterior predictive distribution, each with albedo [`ALBEDO`].
 ///
-/// They include the error of the material coordinates, so their quantiles are
+/// They include the error of the material coordinates, so their quantiles are approximately
 /// [`Material::quantiles`]. Use them for intervals of quantities that are computed from a BRDF,
 /// such as the radiance in a rendering. The same `seed` gives the same draws.
 ///

@@ -2,7 +2,7 @@
 
 use super::{Diagnostic, Light, Material};
 
-/// The most probable reason for a misfit.
+/// The most probable cause of a misfit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MisfitCause {
     /// The surface varies from pixel to pixel.
@@ -22,7 +22,7 @@ pub enum MisfitCause {
 const RESOLUTION: [(f64, f64); 5] = [(0.0, 0.05), (2.0, 0.08), (5.0, 0.22), (7.0, 0.45), (10.0, 0.45)];
 
 /// Ratio of the misfit to the expected one above which it is reported.
-const MISFIT_WARNING_RATIO: f64 = 1.25;
+pub(super) const MISFIT_WARNING_RATIO: f64 = 1.25;
 
 /// Largest expected share of the fine detail of a photograph that the light leaves unexplained.
 /// `gonio-eval calibration` measured 0.66 to 0.81 for mirrors and lacquers, which is less than this
@@ -60,9 +60,9 @@ fn expected(gloss: f64, fineness: f64, scatter: f64) -> f64 {
 
 /// Returns a diagnostic if the misfit is too large.
 pub(super) fn diagnostic(material: &Material, light: &Light) -> Option<Diagnostic> {
-    let (left, expected) = (light.misfit, expected_misfit(material));
-    let reason = if material.scatter > 0.5 * left { MisfitCause::Texture } else { MisfitCause::Geometry };
-    (left > MISFIT_WARNING_RATIO * expected).then_some(Diagnostic::Misfit { misfit: left, expected, reason })
+    let (misfit, expected) = (light.misfit, expected_misfit(material));
+    let cause = if material.scatter > 0.5 * misfit { MisfitCause::Texture } else { MisfitCause::Geometry };
+    (misfit > MISFIT_WARNING_RATIO * expected).then_some(Diagnostic::Misfit { misfit, expected, cause })
 }
 
 #[cfg(test)]

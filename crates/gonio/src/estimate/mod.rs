@@ -141,7 +141,7 @@ pub enum EstimateError {
     /// The model was made for other methods.
     #[error("the model has no posterior of materials")]
     NotLearnt,
-    /// No point has a value.
+    /// No point has a value and a weight.
     #[error("no usable pixel lies on the object; check the mask and the exposure")]
     Unobserved,
     /// The side of the grid is invalid, or finer than the prior.
@@ -198,15 +198,15 @@ pub fn estimate_with_task<T: Send>(
 ) -> Result<(Estimate, T), EstimateError> {
     settings.check(model)?;
     progress(EstimateStage::Material);
-    let impression = MaterialDraft::of(model, observations, settings.side)?;
-    let table = impression.table.clone();
+    let draft = MaterialDraft::of(model, observations, settings.side)?;
+    let table = draft.table.clone();
     // The quantiles and colours of the posterior are computed in parallel with the light.
     let (light, (material, colouring, made, rows)) = rayon::join(
         || Light::of(model, observations, &table, settings, progress),
         || {
-            let colouring = impression.colouring(model, observations, &settings.colouring);
+            let colouring = draft.colouring(model, observations, &settings.colouring);
             let rows = Rows::of(&model.light, observations, &table, &colouring, settings.side);
-            let material = impression.describe();
+            let material = draft.describe();
             let made = beside(&material, &colouring);
             (material, colouring, made, rows)
         },
@@ -262,7 +262,7 @@ impl MaterialEstimate {
     fn under(self, light: Light, chromatic_light: Option<ChromaticLight>) -> Estimate {
         let Self { material, colouring } = self;
         let colouring = match &chromatic_light {
-            Some(tint) => colouring.less_certain(&material.table, tint),
+            Some(light) => colouring.less_certain(&material.table, light),
             None => colouring,
         };
         Estimate { material, light, colouring, chromatic_light }
@@ -270,9 +270,11 @@ impl MaterialEstimate {
 }
 
 /// # Errors
-/// [`EstimateError::Unobserved`] if no point has a value.
+/// [`EstimateError::Unobserved`] if no point has a value and a weight.
 fn check_observed(observations: &Observations) -> Result<(), EstimateError> {
-    if observations.values.iter().any(Option::is_some) { Ok(()) } else { Err(EstimateError::Unobserved) }
+    let weights = observations.effective_weights();
+    let is_observed = observations.values.iter().zip(&weights).any(|(value, weight)| value.is_some() && *weight > 0.0);
+    if is_observed { Ok(()) } else { Err(EstimateError::Unobserved) }
 }
 
 impl EstimateSettings {

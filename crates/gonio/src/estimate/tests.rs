@@ -273,7 +273,7 @@ fn known_light_recovers_material_and_scale() {
     let reported = other
         .diagnostics()
         .into_iter()
-        .find(|d| matches!(d, Diagnostic::Misfit { reason: MisfitCause::KnownLight, .. }));
+        .find(|d| matches!(d, Diagnostic::Misfit { cause: MisfitCause::KnownLight, .. }));
     assert!(reported.is_some(), "{} {}", other.misfit, other.expected_misfit());
 }
 
@@ -371,6 +371,6 @@ fn warns_about_a_ball_of_two_materials() {
     let count = statuses.as_slice().iter().filter(|status| **status == PixelStatus::Converted).count();
     assert!(count > 0 && count == converted.report.converted_pixels, "{count}");
     let reported = misfit(&two).unwrap_or_else(|| panic!("{} {}", two.light.misfit, expected_misfit(&two.material)));
-    assert!(matches!(reported, Diagnostic::Misfit { reason: MisfitCause::Geometry, .. }), "{reported}");
+    assert!(matches!(reported, Diagnostic::Misfit { cause: MisfitCause::Geometry, .. }), "{reported}");
     assert!(reported.to_string().contains("several materials"), "{reported}");
 }

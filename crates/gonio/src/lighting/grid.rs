@@ -43,6 +43,13 @@ impl LightGrid {
         Self::from_texels(map, side, values.into_iter().map(Vec3::splat).collect())
     }
 
+    /// Sets negative values to zero. In single precision, the inverse transform turns zeros into
+    /// small values of either sign.
+    pub(crate) fn non_negative(mut self) -> Self {
+        self.texels.iter_mut().for_each(|texel| *texel = texel.max(Vec3::ZERO));
+        self
+    }
+
     /// Layout of the sphere on the square.
     pub fn map(&self) -> OctahedralMap {
         self.map
@@ -135,6 +142,15 @@ mod tests {
     fn ramp(side: usize) -> LightGrid {
         let texels = (0..side * side).map(|t| Vec3::splat(1.0 + (t * 7 % 13) as f32)).collect();
         LightGrid::from_texels(OctahedralMap::EqualArea, side, texels)
+    }
+
+    #[test]
+    fn rounding_leaves_no_negative_texels() {
+        let texels = (0..256).map(|i| Vec3::splat(if i % 3 == 0 { 7.3 * i as f32 } else { 0.0 })).collect();
+        let light = LightGrid::from_texels(OctahedralMap::EqualArea, 16, texels);
+        let rounded = LightGrid::from_coefficients(light.map(), &light.coefficients());
+        assert!(rounded.texels().iter().any(|texel| texel.x < 0.0));
+        assert!(rounded.non_negative().texels().iter().all(|texel| texel.x >= 0.0));
     }
 
     #[test]

@@ -140,10 +140,8 @@ impl EnvironmentMap {
         Self { radiance: Plane::from_fn(width, height, mean) }
     }
 
-    /// Returns the map with luminance clipped at `times` the mean over the sphere.
-    ///
-    /// Clipped pixels keep their colour. The clipped energy of a sun or a lamp is lost.
-    pub fn capped(&self, times: f64) -> Self {
+    /// Returns the mean luminance over the sphere.
+    pub(crate) fn mean_luminance(&self) -> f64 {
         let (width, height) = self.radiance.size();
         let (mut sum, mut weight) = (0.0, 0.0);
         for y in 0..height {
@@ -151,7 +149,15 @@ impl EnvironmentMap {
             sum += w * (0..width).map(|x| f64::from(luminance(self.radiance[(x, y)]))).sum::<f64>();
             weight += w * width as f64;
         }
-        let limit = times * sum / weight;
+        sum / weight
+    }
+
+    /// Returns the map with luminance clipped at `times` the mean over the sphere.
+    ///
+    /// Clipped pixels keep their colour. The clipped energy of a sun or a lamp is lost.
+    pub fn capped(&self, times: f64) -> Self {
+        let (width, height) = self.radiance.size();
+        let limit = times * self.mean_luminance();
         let cut = |pixel: Vec3| {
             let brightness = f64::from(luminance(pixel));
             if brightness > limit { pixel * (limit / brightness) as f32 } else { pixel }
@@ -173,9 +179,9 @@ impl EnvironmentMap {
     /// keep their flux on any grid.
     pub fn to_grid(&self, map: OctahedralMap, side: usize) -> LightGrid {
         let (width, height) = self.radiance.size();
-        // At least a dozen sub-pixels across a texel, and never fewer than six per side of a pixel,
-        // for lamps of one pixel.
-        let split = (12 * side).div_ceil(height).clamp(6, 16);
+        // At least a dozen sub-pixels across a texel, so that no texel is without one, and never
+        // fewer than six per side of a pixel, for lamps of one pixel.
+        let split = (12 * side).div_ceil(height).max(6);
         let (fine_width, fine_height) = (width * split, height * split);
         // Fixed bands, summed in order, so that the result does not depend on the number of
         // threads.
@@ -303,6 +309,10 @@ mod tests {
 
     #[test]
     fn a_constant_map_stays_constant() {
+        // Also a map of few pixels on a fine grid.
+        let coarse = EnvironmentMap::new(Plane::from_fn(8, 4, |_, _| Vec3::ONE)).unwrap();
+        let fine = coarse.to_grid(OctahedralMap::EqualArea, 128);
+        assert!(fine.texels().iter().all(|texel| (*texel - Vec3::ONE).abs().max_element() < 1e-6));
         let white = EnvironmentMap::new(Plane::from_fn(64, 32, |_, _| Vec3::ONE)).unwrap();
         for texel in white.to_grid(OctahedralMap::EqualArea, 64).texels() {
             assert!((*texel - Vec3::ONE).abs().max_element() < 1e-6);

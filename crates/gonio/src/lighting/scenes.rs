@@ -42,8 +42,8 @@ pub fn lamp_light(height: usize) -> EnvironmentMap {
         let room = Vec3::new(0.05, 0.045, 0.04) * (1.5 + d.y as f32);
         let bulb = |b: &DVec3| smooth((0.075 - d.angle_between(*b)) / 0.02) as f32;
         let warm = Vec3::new(130.0, 84.0, 42.0) * bulbs.iter().map(bulb).sum::<f32>();
-        let cold = Vec3::new(2.2, 3.4, 5.2) * rectangle(d, screen, 0.45, 0.30) as f32;
-        room + warm + cold + Vec3::new(2.6, 2.1, 1.5) * rectangle(d, door, 0.16, 0.42) as f32
+        let cold = Vec3::new(2.2, 3.4, 5.2) * rectangle(d, screen, (0.45, 0.30), 0.04) as f32;
+        room + warm + cold + Vec3::new(2.6, 2.1, 1.5) * rectangle(d, door, (0.16, 0.42), 0.04) as f32
     })
 }
 
@@ -57,14 +57,14 @@ fn map(height: usize, radiance: impl Fn(DVec3) -> Vec3) -> EnvironmentMap {
 
 /// Returns the smoothed indicator of an upright rectangle around `centre`.
 ///
-/// The half sides are lengths in the tangent plane.
-fn rectangle(d: DVec3, centre: DVec3, half_width: f64, half_height: f64) -> f64 {
+/// The half sides and the width of the soft edges are lengths in the tangent plane.
+pub(super) fn rectangle(d: DVec3, centre: DVec3, (half_width, half_height): (f64, f64), soft: f64) -> f64 {
     let right = DVec3::Y.cross(centre).normalize();
     let (top, depth) = (centre.cross(right), d.dot(centre));
     if depth <= 0.0 {
         return 0.0;
     }
-    let edge = |x: f64, half: f64| smooth((half - x.abs()) / 0.04);
+    let edge = |x: f64, half: f64| smooth((half - x.abs()) / soft);
     edge(d.dot(right) / depth, half_width) * edge(d.dot(top) / depth, half_height)
 }
 

@@ -3,7 +3,7 @@
 use glam::{DVec3, Vec3};
 
 use super::EnvironmentMap;
-use super::scenes::smooth;
+use super::scenes::{rectangle, smooth};
 use crate::picture::Plane;
 use crate::sphere::direction_of_lat_long;
 
@@ -27,14 +27,7 @@ pub fn studio_light(height: usize) -> EnvironmentMap {
         let up = 0.5 * (d.y as f32 + 1.0);
         let mut sum = Vec3::new(0.20, 0.17, 0.15).lerp(Vec3::new(0.50, 0.55, 0.62), up * up);
         for (centre, half_width, half_height, colour, soft) in panels {
-            let right = DVec3::Y.cross(centre).normalize();
-            let top = centre.cross(right);
-            let depth = d.dot(centre);
-            if depth > 0.0 {
-                let (a, b) = (d.dot(right) / depth, d.dot(top) / depth);
-                let edge = |x: f64, half: f64| smooth((half - x.abs()) / soft);
-                sum += colour * (edge(a, half_width) * edge(b, half_height)) as f32;
-            }
+            sum += colour * rectangle(d, centre, (half_width, half_height), soft) as f32;
         }
         let away = d.angle_between(lamp);
         sum + Vec3::new(150.0, 135.0, 110.0) * smooth((0.045 - away) / 0.01) as f32

@@ -171,7 +171,7 @@ fn merged(first: &Texel, second: &Texel, brightness: f64) -> Texel {
 
 impl View {
     /// Lists the warnings about the view.
-    pub fn scene_warnings(&self) -> Vec<ProbeWarning> {
+    pub fn warnings(&self) -> Vec<ProbeWarning> {
         let used = self.count(&[PixelStatus::Used, PixelStatus::Clipped]);
         let (clipped, faulty) =
             (self.count(&[PixelStatus::Clipped]), self.count(&[PixelStatus::Negative, PixelStatus::NotFinite]));
@@ -183,7 +183,7 @@ impl View {
 
 impl ProbeReport {
     /// Lists the warnings about the probe.
-    pub fn scene_warnings(&self) -> Vec<ProbeWarning> {
+    pub fn warnings(&self) -> Vec<ProbeWarning> {
         let unseen = (self.unseen > MUCH_UNSEEN).then_some(ProbeWarning::Unseen(self.unseen));
         let unlike =
             self.views.filter(|views| views.difference > MAX_DIFFERENCE || views.correlation < MIN_CORRELATION);

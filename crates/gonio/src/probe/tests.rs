@@ -91,7 +91,7 @@ fn the_map_equals_the_light() {
     let perspective = error(&found_near, &rippled, 1.0);
     assert!(orthographic < 0.01 && perspective < 0.01, "{orthographic} {perspective}");
     assert!(found.report.unseen < 0.05 && found_near.report.unseen < 0.16);
-    assert!(view(&picture, &Object::Ball(camera)).scene_warnings().is_empty());
+    assert!(view(&picture, &Object::Ball(camera)).warnings().is_empty());
     // The radius in pixels determines the default number of rows.
     let own = probe(&before, None, &ProbeSettings { rows: None, ..settings(8) }).unwrap();
     assert_eq!(own.light.radiance().size(), (256, 128));
@@ -171,13 +171,9 @@ fn two_views_cover_the_sphere_and_determine_their_turn() {
             let got = found.light.at(d).as_dvec3();
             assert!((got - light(d)).length() < 0.1 * light(d).length(), "{got} {}", light(d));
         }
-        assert!(
-            matches!(found.report.scene_warnings()[..], [ProbeWarning::Brightness(_)]),
-            "{:?}",
-            found.report.scene_warnings()
-        );
-        let wrong = pair(Some(turn + 1.0)).report.scene_warnings();
-        assert!(wrong.iter().any(|odd| matches!(odd, ProbeWarning::InconsistentViews { .. })), "{wrong:?}");
+        assert!(matches!(found.report.warnings()[..], [ProbeWarning::Brightness(_)]), "{:?}", found.report.warnings());
+        let wrong = pair(Some(turn + 1.0)).report.warnings();
+        assert!(wrong.iter().any(|warning| matches!(warning, ProbeWarning::InconsistentViews { .. })), "{wrong:?}");
     }
 }
 
@@ -200,10 +196,10 @@ fn warns_of_clipped_faulty_and_matte_pictures() {
         picture.rgb[(x, 90)] = Vec3::NAN;
     }
     let clipped = view(&picture, &Object::Sphere(None));
-    let odd = clipped.scene_warnings();
+    let warnings = clipped.warnings();
     assert!(
-        matches!(odd[..], [ProbeWarning::Clipped { clipped, .. }, ProbeWarning::Faulty { faulty: 5, .. }] if clipped > 5000),
-        "{odd:?}"
+        matches!(warnings[..], [ProbeWarning::Clipped { clipped, .. }, ProbeWarning::Faulty { faulty: 5, .. }] if clipped > 5000),
+        "{warnings:?}"
     );
     let found = probe(&clipped, None, &settings(64)).unwrap();
     assert!(found.light.radiance().as_slice().iter().all(|v| v.is_finite()));
@@ -215,11 +211,11 @@ fn warns_of_clipped_faulty_and_matte_pictures() {
         let seen = ball.reflection_at((x as f64 + 0.5, y as f64 + 0.5));
         Vec3::splat(seen.map_or(0.0, |seen| shade(seen.normal) as f32))
     });
-    let matte = view(&Picture { rgb, alpha: None }, &Object::Sphere(None)).scene_warnings();
+    let matte = view(&Picture { rgb, alpha: None }, &Object::Sphere(None)).warnings();
     assert!(matches!(matte[..], [ProbeWarning::Matte(share)] if share > 0.97), "{matte:?}");
     for light in [lamp_light(128), studio_light(128)] {
         let picture = photograph(&ball, SIZE, &|d| light.at(d).as_dvec3(), 0.0, 1);
-        assert_eq!(view(&picture, &Object::Sphere(None)).scene_warnings(), []);
+        assert_eq!(view(&picture, &Object::Sphere(None)).warnings(), []);
     }
 }
 

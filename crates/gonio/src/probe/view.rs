@@ -54,7 +54,7 @@ impl View {
         let ball = MirrorBall::find(picture, mask, object)?;
         let within = 1.0 - (RIM_WIDTH / ball.pixels() + RIM_SHARE);
         let min_cosine = (1.0 - within * within).sqrt();
-        let covered = mask.or(picture.alpha.as_ref());
+        let covered = mask.or(picture.varying_alpha());
         let status = |x: usize, y: usize| {
             let Some(seen) = ball.reflection_at((x as f64 + 0.5, y as f64 + 0.5)) else { return PixelStatus::Outside };
             if covered.is_some_and(|c| c[(x, y)].is_nan() || c[(x, y)] < COVERED) {

@@ -121,12 +121,14 @@ pub enum ReferenceError {
     },
     /// Too many patches are clipped.
     #[error(
-        "{clipped} of the 24 patches of the colour chart are clipped, and only {neutral} of its 6 neutral patches \
-         are usable (3 are required); reduce the exposure, or merge several exposures"
+        "{clipped} of the 24 patches of the colour chart are clipped; {usable} patches are usable (14 are required), \
+         {neutral} of them neutral (3 are required); reduce the exposure, or merge several exposures"
     )]
     ClippedChart {
         /// Number of clipped patches.
         clipped: usize,
+        /// Number of usable patches.
+        usable: usize,
         /// Number of usable neutral patches.
         neutral: usize,
     },

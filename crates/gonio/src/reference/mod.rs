@@ -25,7 +25,7 @@ mod testing;
 
 pub use ball::BallReading;
 pub use chart::{ChartReading, Corners};
-pub use colours::{PATCH_NAMES, patch_colours};
+pub use colours::patch_colours;
 pub use detect::find_chart;
 pub use error::ReferenceError;
 pub use light::{AbsoluteScale, ReferenceLight};

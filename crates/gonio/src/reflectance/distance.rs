@@ -5,6 +5,7 @@
 use std::f64::consts::FRAC_PI_4;
 
 use super::{BivariateTable, angles_of, trusted_cells};
+use crate::search::golden_section;
 
 /// Fraction of the reference's diffuse level that is added to both before the logarithm.
 ///
@@ -63,22 +64,7 @@ pub fn log_fit(pairs: impl Iterator<Item = (f64, f64)>, floor: f64) -> (f64, f64
     let step = 0.5;
     let best = (-24..=24).map(|i| centre + step * f64::from(i)).min_by(|a, b| cost(*a).total_cmp(&cost(*b)));
     let best = best.unwrap_or(centre);
-    let (mut low, mut high) = (best - step, best + step);
-    let golden = 0.5 * (5.0_f64.sqrt() - 1.0);
-    let (mut left, mut right) = (high - golden * (high - low), low + golden * (high - low));
-    let (mut at_left, mut at_right) = (cost(left), cost(right));
-    for _ in 0..28 {
-        if at_left < at_right {
-            (high, right, at_right) = (right, left, at_left);
-            left = high - golden * (high - low);
-            at_left = cost(left);
-        } else {
-            (low, left, at_left) = (left, right, at_right);
-            right = low + golden * (high - low);
-            at_right = cost(right);
-        }
-    }
-    let log_scale = 0.5 * (low + high);
+    let log_scale = golden_section(|s| -cost(s), (best - step, best + step), 1e-6);
     (log_scale.exp(), cost(log_scale))
 }
 

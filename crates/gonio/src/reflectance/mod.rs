@@ -16,7 +16,7 @@ pub use dictionary::{
 pub use distance::{brdf_error, brdf_scale, diffuse_level, log_distance, log_fit};
 pub use log_basis::LogBasis;
 pub use table::{
-    BivariateTable, CELLS, CellCountError, MerlTable, PHI_D, THETA_D, THETA_H, TRUSTED, angles_of, is_trusted,
-    place_of, theta_d_of, theta_h_of, trusted_cells,
+    BivariateTable, CELLS, CellCountError, MerlTable, PHI_D, THETA_D, THETA_H, TRUSTED, angles_of, indices_of,
+    is_trusted, theta_d_of, theta_h_of, trusted_cells,
 };
 pub(crate) use table::{axis_d, axis_h, nearest_trusted};

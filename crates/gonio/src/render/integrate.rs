@@ -112,8 +112,8 @@ pub(crate) fn nodes_within(
     largest: f64,
 ) -> Nodes {
     let mut queue = BinaryHeap::with_capacity(1024);
-    let mut settled: Vec<Entry> = Vec::new();
-    // Running sums over all cells in `queue` and `settled`.
+    let mut finished: Vec<Entry> = Vec::new();
+    // Running sums over all cells in `queue` and `finished`.
     let (mut total, mut bound) = (0.0, 0.0);
     let mut pending = vec![light.root()];
     loop {
@@ -127,19 +127,19 @@ pub(crate) fn nodes_within(
                 queue.push(entry);
             }
         }
-        if bound <= settings.tolerance * total || queue.len() + settled.len() > settings.max_cells {
+        if bound <= settings.tolerance * total || queue.len() + finished.len() > settings.max_cells {
             break;
         }
         let Some(worst) = queue.pop() else { break };
         if worst.cell.radius < SMALLEST || worst.bound <= 0.0 {
-            settled.push(worst);
+            finished.push(worst);
             continue;
         }
         total -= worst.value;
         bound -= worst.bound;
         pending.extend(light.divide(&worst.cell));
     }
-    let all = settled.into_iter().chain(queue.into_vec());
+    let all = finished.into_iter().chain(queue.into_vec());
     Nodes { nodes: all.map(|e| e.node).filter(|n| n.weight != DVec3::ZERO).collect(), bound: bound / total.max(1e-300) }
 }
 

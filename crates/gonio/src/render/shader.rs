@@ -1,6 +1,6 @@
 //! Radiance of materials in one light, to a given accuracy.
 
-use glam::{DVec3, Vec3, Vec3A};
+use glam::{DVec3, Vec3};
 
 use super::Accuracy;
 use super::brdf::Brdf;
@@ -14,7 +14,7 @@ use crate::shape::SurfacePoint;
 
 /// Materials in a light.
 pub(super) enum Shader<'a> {
-    Lobes { lobe: Box<HalfVectorSampler>, light: Box<PrefilteredLight>, count: usize },
+    Lobes { sampler: Box<HalfVectorSampler>, light: Box<PrefilteredLight>, count: usize },
     Bound { brdfs: Vec<(&'a dyn Brdf, BivariateTable)>, light: &'a LightTree, settings: IntegratorSettings },
 }
 
@@ -25,8 +25,8 @@ impl<'a> Shader<'a> {
         match accuracy {
             Accuracy::Lobes(settings) => {
                 let light = Box::new(PrefilteredLight::of(light));
-                let lobe = Box::new(HalfVectorSampler::new(brdfs, &light, settings));
-                Self::Lobes { lobe, light, count: brdfs.len() }
+                let sampler = Box::new(HalfVectorSampler::new(brdfs, &light, settings));
+                Self::Lobes { sampler, light, count: brdfs.len() }
             }
             Accuracy::Bound(settings) => {
                 Self::Bound { brdfs: brdfs.iter().map(|brdf| (*brdf, brdf.envelope())).collect(), light, settings }
@@ -37,12 +37,8 @@ impl<'a> Shader<'a> {
     /// Returns the radiance that the point reflects of all light above its horizon, by material.
     pub(super) fn radiance(&self, point: &SurfacePoint) -> Vec<DVec3> {
         match self {
-            Self::Lobes { lobe, light, count } => {
-                let mut sums = vec![Vec3A::ZERO; *count];
-                lobe.gather(point, light, |arrival| {
-                    sums.iter_mut().enumerate().for_each(|(material, sum)| *sum += arrival.reflected(material));
-                });
-                sums.into_iter().map(|sum| sum.as_dvec3()).collect()
+            Self::Lobes { sampler, light, .. } => {
+                sampler.radiance(point, light, |_| 1.0).into_iter().map(|sum| sum.as_dvec3()).collect()
             }
             Self::Bound { brdfs, light, settings } => {
                 let each = |(brdf, envelope): &(_, _)| nodes(point, envelope, light, settings).radiance(point, *brdf);
@@ -56,24 +52,24 @@ impl<'a> Shader<'a> {
     /// See [`Nodes::shadow`](super::Nodes::shadow).
     pub(super) fn shadowed(&self, point: &SurfacePoint, blocked: impl Fn(&[DVec3]) -> Vec<bool>) -> Vec<DVec3> {
         match self {
-            Self::Lobes { lobe, light, count } => {
+            Self::Lobes { sampler, light, count } => {
                 // The values of all materials for a direction are contiguous.
                 let (mut directions, mut values, mut strength) = (Vec::new(), Vec::new(), Vec::new());
-                lobe.gather(point, light, |arrival| {
-                    directions.push(arrival.direction);
+                sampler.gather(point, light, |sample| {
+                    directions.push(sample.direction);
                     let mut largest = 0.0_f32;
                     for material in 0..*count {
-                        let value = arrival.reflected(material);
+                        let value = sample.reflected(material);
                         largest = largest.max(value.abs().max_element());
                         values.push(value);
                     }
                     strength.push(f64::from(largest));
                 });
-                let asked = |asked: &[usize]| {
-                    let directions: Vec<DVec3> = asked.iter().map(|&i| directions[i].as_dvec3()).collect();
+                let blocked = |tested: &[usize]| {
+                    let directions: Vec<DVec3> = tested.iter().map(|&i| directions[i].as_dvec3()).collect();
                     blocked(&directions)
                 };
-                let shares = open_shares(&strength, asked);
+                let shares = open_shares(&strength, blocked);
                 let mut sums = vec![DVec3::ZERO; *count];
                 for (values, open) in values.chunks_exact(*count).zip(shares) {
                     sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += value.as_dvec3() * open);

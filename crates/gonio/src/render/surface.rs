@@ -116,11 +116,11 @@ impl Nodes {
     pub fn shadow(&mut self, envelope: &BivariateTable, blocked: impl Fn(&[DVec3]) -> Vec<bool>) {
         let strength: Vec<f64> =
             self.nodes.iter().map(|n| envelope.eval(n.theta_h, n.theta_d) * n.weight.abs().max_element()).collect();
-        let asked = |asked: &[usize]| {
-            let directions: Vec<DVec3> = asked.iter().map(|&i| self.nodes[i].direction).collect();
+        let blocked = |tested: &[usize]| {
+            let directions: Vec<DVec3> = tested.iter().map(|&i| self.nodes[i].direction).collect();
             blocked(&directions)
         };
-        let shares = open_shares(&strength, asked);
+        let shares = open_shares(&strength, blocked);
         self.nodes.iter_mut().zip(shares).for_each(|(node, open)| node.weight *= open);
         self.nodes.retain(|n| n.weight != DVec3::ZERO);
     }
@@ -134,9 +134,9 @@ pub(super) fn open_shares(strength: &[f64], blocked: impl FnOnce(&[usize]) -> Ve
     let total: f64 = strength.iter().sum();
     let mut order: Vec<usize> = (0..strength.len()).collect();
     order.sort_by(|&a, &b| strength[b].total_cmp(&strength[a]));
-    let (mut asked, mut count) = (0.0, 0);
-    while count < order.len() && asked < RAY_TESTED_SHARE * total {
-        asked += strength[order[count]];
+    let (mut covered, mut count) = (0.0, 0);
+    while count < order.len() && covered < RAY_TESTED_SHARE * total {
+        covered += strength[order[count]];
         count += 1;
     }
     let mut tested = order[..count].to_vec();
@@ -150,7 +150,7 @@ pub(super) fn open_shares(strength: &[f64], blocked: impl FnOnce(&[usize]) -> Ve
             open += strength[i];
         }
     }
-    let left = if asked > 0.0 { open / asked } else { 1.0 };
+    let left = if covered > 0.0 { open / covered } else { 1.0 };
     order[count..].iter().for_each(|&i| shares[i] = left);
     shares
 }

@@ -14,9 +14,7 @@ use crate::statistics::{median, quantile};
 ///
 /// The source is the mask, else the alpha channel, else a constant background.
 pub(crate) fn coverage_of(picture: &Picture, mask: Option<&Plane<f32>>) -> Option<Plane<f32>> {
-    // An alpha channel of one value does not separate an object.
-    let varies = |alpha: &&Plane<f32>| alpha.as_slice().iter().any(|a| *a != alpha.as_slice()[0]);
-    mask.or(picture.alpha.as_ref().filter(varies)).cloned().or_else(|| background_coverage(&picture.rgb))
+    mask.or(picture.varying_alpha()).cloned().or_else(|| background_coverage(&picture.rgb))
 }
 
 /// Estimates the coverage (0..1) of the object on a background of exactly one value.

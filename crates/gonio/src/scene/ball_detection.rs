@@ -55,7 +55,7 @@ pub(super) fn detect_ball(picture: &Picture, mask: Option<&Plane<f32>>) -> Resul
         let ball = in_coverage(&coverage, mask.is_some());
         (coverage, ball)
     });
-    let of_background = mask.is_none() && picture.alpha.is_none();
+    let of_background = mask.is_none() && picture.varying_alpha().is_none();
     let by_edges = match &known {
         Some((_, Ok(ball))) => of_background && !is_crisp(ball),
         Some((_, Err(_))) => of_background,
@@ -63,7 +63,7 @@ pub(super) fn detect_ball(picture: &Picture, mask: Option<&Plane<f32>>) -> Resul
     };
     let detected = if by_edges { detect_by_edges(&picture.rgb) } else { Err(SceneError::NoOutline) };
     match (detected, known) {
-        (Ok((circle, sureness)), _) => Ok(BallDetection { circle, coverage: None, reliability: Some(sureness) }),
+        (Ok((circle, reliability)), _) => Ok(BallDetection { circle, coverage: None, reliability: Some(reliability) }),
         // The background value is exact, except for compression losses.
         (Err(_), Some((coverage, Ok(ball)))) => {
             Ok(BallDetection { circle: ball.circle, coverage: Some(coverage), reliability: None })

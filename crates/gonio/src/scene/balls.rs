@@ -54,7 +54,7 @@ pub fn separate_balls(picture: &Picture, mask: Option<&Plane<f32>>) -> Vec<Plane
         let seeds = if coverage.size() == size { parts(coverage, MIN_BALL.1) } else { Vec::new() };
         seeds.into_iter().map(|seed| own(coverage, seed)).collect()
     };
-    let given = mask.is_some() || picture.alpha.is_some();
+    let given = mask.is_some() || picture.varying_alpha().is_some();
     let known = coverage_of(picture, mask).map(|coverage| alone(&coverage)).unwrap_or_default();
     let found = |ball: &Plane<f32>| find_sphere(ball).ok();
     if given || known.iter().filter_map(found).all(|ball| is_crisp(&ball)) && known.len() > 1 {
@@ -65,15 +65,7 @@ pub fn separate_balls(picture: &Picture, mask: Option<&Plane<f32>>) -> Vec<Plane
     let Some(coverage) = plain_coverage(&small, size) else { return Vec::new() };
     let edges = Edges::of(&small);
     let circle = |part: &Plane<f32>| on_edges(&picture.rgb, &small, &edges, part);
-    alone(&coverage).iter().filter_map(circle).map(|circle| disk(size, &circle)).collect()
-}
-
-/// Returns the coverage of a circle.
-fn disk((width, height): (usize, usize), circle: &Circle) -> Plane<f32> {
-    Plane::from_fn(width, height, |x, y| {
-        let from_centre = (x as f64 + 0.5 - circle.x).hypot(y as f64 + 0.5 - circle.y);
-        (circle.radius - from_centre + 0.5).clamp(0.0, 1.0) as f32
-    })
+    alone(&coverage).iter().filter_map(circle).map(|circle| circle.coverage(size)).collect()
 }
 
 /// Checks that there is a single object; `ball` returns the outline of a part that is a ball.
@@ -157,6 +149,8 @@ mod tests {
         assert!(parts[1][(40, 40)] == 1.0 && parts[1][(110, 40)] == 0.0 && parts[1][(155, 40)] == 0.0);
         let (outline, _) = outline_of_ball(&picture, Some(&parts[1])).unwrap();
         assert!((outline.x - 40.5).abs() < 0.5 && (outline.radius - 20.0).abs() < 0.7, "{outline:?}");
+        let opaque = Picture { alpha: Some(picture.rgb.map(|_| 1.0)), ..picture.clone() };
+        assert_eq!(separate_balls(&opaque, None), parts);
         let plain = Picture { rgb: Plane::from_fn(20, 20, |x, y| Vec3::splat((x + 20 * y) as f32)), alpha: None };
         assert!(separate_balls(&plain, None).is_empty());
     }

@@ -1,13 +1,15 @@
 //! Circle fit to scattered points: Taubin's algebraic fit, then robust least squares of the
 //! distances.
 
-use crate::statistics::median;
 use faer::Mat;
 use faer::linalg::solvers::SolveLstsq;
 use glam::{DMat3, DVec2, DVec3};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use serde::{Deserialize, Serialize};
+
+use crate::picture::Plane;
+use crate::statistics::median;
 
 /// A circle in a picture: the outline of a ball under an orthographic camera.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -19,6 +21,16 @@ pub struct Circle {
     pub y: f64,
     /// Radius, in pixels.
     pub radius: f64,
+}
+
+impl Circle {
+    /// Returns the share (0..1) of each pixel of a picture that the disk covers.
+    pub fn coverage(&self, (width, height): (usize, usize)) -> Plane<f32> {
+        Plane::from_fn(width, height, |x, y| {
+            let from_centre = (x as f64 + 0.5 - self.x).hypot(y as f64 + 0.5 - self.y);
+            (self.radius - from_centre + 0.5).clamp(0.0, 1.0) as f32
+        })
+    }
 }
 
 /// Distance, in multiples of the spread, beyond which a point is ignored (Tukey's biweight at 95 %

@@ -53,10 +53,10 @@ pub(super) fn refined(normals: &Plane<Vec3>, brightness: &Plane<Option<f32>>, er
 }
 
 /// Returns the unit normal with these components to the right and upwards.
-fn on_sphere(place: Vec2) -> Vec3 {
+fn on_sphere(position: Vec2) -> Vec3 {
     // The limit keeps normals on the visible hemisphere.
-    let place = place.clamp_length_max(0.999);
-    place.extend((1.0 - place.length_squared()).sqrt())
+    let position = position.clamp_length_max(0.999);
+    position.extend((1.0 - position.length_squared()).sqrt())
 }
 
 /// A reduced picture.
@@ -64,7 +64,7 @@ struct Small {
     width: usize,
     height: usize,
     /// Components to the right and upwards of each normal.
-    places: Vec<Vec2>,
+    positions: Vec<Vec2>,
     /// Cube root of the brightness relative to the mean; `None` where it is unknown.
     brightness: Vec<Option<f32>>,
 }
@@ -72,14 +72,14 @@ struct Small {
 impl Small {
     fn of(normals: &Plane<Vec3>, brightness: &Plane<Option<f32>>, step: usize) -> Self {
         let (width, height) = (normals.width().div_ceil(step), normals.height().div_ceil(step));
-        let mut places = vec![Vec2::ZERO; width * height];
+        let mut positions = vec![Vec2::ZERO; width * height];
         let mut sums = vec![(0.0_f32, 0.0_f32); width * height];
         let mut counts = vec![0.0_f32; width * height];
         for y in 0..normals.height() {
             for x in 0..normals.width() {
                 let (at, normal) = (y / step * width + x / step, normals[(x, y)]);
                 if has_normal(normal) {
-                    places[at] += Vec2::new(normal.x, normal.y);
+                    positions[at] += Vec2::new(normal.x, normal.y);
                     counts[at] += 1.0;
                     if let Some(value) = brightness[(x, y)] {
                         sums[at] = (sums[at].0 + value.max(0.0), sums[at].1 + 1.0);
@@ -87,13 +87,13 @@ impl Small {
                 }
             }
         }
-        places.iter_mut().zip(&counts).for_each(|(place, count)| *place /= count.max(1.0));
+        positions.iter_mut().zip(&counts).for_each(|(position, count)| *position /= count.max(1.0));
         let (total, count) = sums
             .iter()
             .fold((0.0_f64, 0.0_f64), |(total, count), (sum, n)| (total + f64::from(*sum), count + f64::from(*n)));
         let mean = ((total / count.max(1.0)) as f32).max(f32::MIN_POSITIVE);
         let relative = |(sum, count): &(f32, f32)| (*count > 0.0).then(|| (sum / count / mean).cbrt());
-        Self { width, height, brightness: sums.iter().map(relative).collect(), places }
+        Self { width, height, brightness: sums.iter().map(relative).collect(), positions }
     }
 
     /// Computes the displacement of each normal on the disk, given their expected error.
@@ -104,9 +104,9 @@ impl Small {
         let weights = blurred(&known, (self.width, self.height), width);
         // Below this slope, the brightness determines a normal less well than the expected error.
         let damping = DEVIATION / error;
-        let mut moved = vec![Vec2::ZERO; self.places.len()];
+        let mut moved = vec![Vec2::ZERO; self.positions.len()];
         for _ in 0..ROUNDS {
-            let now: Vec<Vec2> = self.places.iter().zip(&moved).map(|(place, by)| *place + *by).collect();
+            let now: Vec<Vec2> = self.positions.iter().zip(&moved).map(|(position, by)| *position + *by).collect();
             let average = Average::of(&now, &self.brightness);
             let wanted = |at: usize| -> Vec2 {
                 let Some(own) = self.brightness[at] else { return Vec2::ZERO };
@@ -120,7 +120,7 @@ impl Small {
             };
             let (right, up) = (part(0), part(1));
             for (at, by) in moved.iter_mut().enumerate() {
-                let z = (1.0 - self.places[at].length_squared()).max(0.0).sqrt();
+                let z = (1.0 - self.positions[at].length_squared()).max(0.0).sqrt();
                 let smooth = Vec2::new(right[at], up[at]) / weights[at].max(1e-3);
                 // An angle is the length on the disk over z.
                 *by = (z / FREE).min(1.0) * smooth.clamp_length_max(error * z);
@@ -146,12 +146,12 @@ struct Average {
 }
 
 impl Average {
-    fn of(places: &[Vec2], brightness: &[Option<f32>]) -> Self {
+    fn of(positions: &[Vec2], brightness: &[Option<f32>]) -> Self {
         let (mut sums, mut counts) = (vec![0.0_f32; CELLS * CELLS], vec![0.0_f32; CELLS * CELLS]);
-        for (place, value) in places.iter().zip(brightness) {
+        for (position, value) in positions.iter().zip(brightness) {
             if let Some(value) = value {
                 let cell = |v: f32| (((v + 1.0) * 0.5 * CELLS as f32) as usize).min(CELLS - 1);
-                let at = cell(place.y) * CELLS + cell(place.x);
+                let at = cell(position.y) * CELLS + cell(position.x);
                 sums[at] += value;
                 counts[at] += 1.0;
             }
@@ -160,11 +160,11 @@ impl Average {
         Self { values: sums.iter().zip(&counts).map(|(sum, count)| sum / count.max(1e-6)).collect() }
     }
 
-    /// Returns the average at a place on the disk, and its gradient.
-    fn at(&self, place: Vec2) -> (f32, Vec2) {
+    /// Returns the average at a position on the disk, and its gradient.
+    fn at(&self, position: Vec2) -> (f32, Vec2) {
         let scale = 0.5 * CELLS as f32;
         let coordinate = |v: f32| ((v + 1.0) * scale - 0.5).clamp(1.0, (CELLS - 3) as f32);
-        let (x, y) = (coordinate(place.x), coordinate(place.y));
+        let (x, y) = (coordinate(position.x), coordinate(position.y));
         let (column, row, s, t) = (x as usize, y as usize, x.fract(), y.fract());
         let value = |dx: usize, dy: usize| self.values[(row + dy) * CELLS + column + dx];
         let (top, bottom) = (value(0, 0) * (1.0 - s) + value(1, 0) * s, value(0, 1) * (1.0 - s) + value(1, 1) * s);
@@ -249,10 +249,10 @@ mod tests {
     /// similar normals.
     fn contradiction(normals: &Plane<Vec3>, brightness: &Plane<Option<f32>>) -> f32 {
         let small = Small::of(normals, brightness, 1);
-        let average = Average::of(&small.places, &small.brightness);
-        let known = small.places.iter().zip(&small.brightness);
+        let average = Average::of(&small.positions, &small.brightness);
+        let known = small.positions.iter().zip(&small.brightness);
         let squares: Vec<f32> =
-            known.filter_map(|(place, value)| Some((value.as_ref()? - average.at(*place).0).powi(2))).collect();
+            known.filter_map(|(position, value)| Some((value.as_ref()? - average.at(*position).0).powi(2))).collect();
         (squares.iter().sum::<f32>() / squares.len() as f32).sqrt()
     }
 

@@ -157,6 +157,19 @@ pub enum SceneError {
         /// All pixels of the observed part.
         observed: usize,
     },
+    /// Too few pixels have a usable normal: the others are steep, at an edge or without a normal.
+    #[error(
+        "only {used} of the {covered} pixels on the object have a usable normal, {min} are required; check the normal map \
+         and the mask"
+    )]
+    TooFewNormals {
+        /// Pixels with a usable normal.
+        used: usize,
+        /// Pixels on the object.
+        covered: usize,
+        /// Smallest accepted number.
+        min: usize,
+    },
     /// Too few points have a value.
     #[error(
         "only {used} points on the object are usable, {min} are required: {clipped} are clipped and {outside} are uncovered or \

@@ -70,6 +70,7 @@ impl Observations {
     /// * [`SceneError::NotUnit`] when more than 2 % of the normals are off by more than 0.05 in
     ///   length.
     /// * [`SceneError::FacingAway`] when more than 2 % face away from the camera.
+    /// * [`SceneError::TooFewNormals`] when fewer than 50 pixels have a usable normal.
     /// * [`SceneError::TooFewPoints`] when fewer than 50 points have a value.
     /// * [`SceneError::TooFlat`] when there are fewer than 50 different directions.
     /// * [`SceneError::BadPixels`] when more than half of the points before thinning are faulty.
@@ -81,7 +82,7 @@ impl Observations {
     ) -> Result<Self, SceneError> {
         let (rgb, normals) = (&picture.rgb, surface.normals);
         check_size("normal map", normals.size(), rgb.size())?;
-        let coverage = coverage.or(picture.alpha.as_ref());
+        let coverage = coverage.or(picture.varying_alpha());
         if let Some(coverage) = coverage {
             check_size("mask", coverage.size(), rgb.size())?;
         }
@@ -110,8 +111,8 @@ impl Observations {
         let used = facing.iter().filter(within).count();
         report.at_edges = steep - used;
         if used < MIN_POINTS {
-            let outside = covered.as_slice().iter().filter(|c| **c).count() - used;
-            return Err(SceneError::TooFewPoints { used, clipped: 0, outside, min: MIN_POINTS });
+            let covered = covered.as_slice().iter().filter(|c| **c).count();
+            return Err(SceneError::TooFewNormals { used, covered, min: MIN_POINTS });
         }
         let mut directions: Vec<usize> =
             facing.iter().filter(within).map(|c| cell(c.in_view(surface), COUNTING_SIDE)).collect();
@@ -126,9 +127,9 @@ impl Observations {
             region.as_mut_slice()[candidate.pixel as usize] = true;
         }
         let normal = |at| normals[at].normalize_or_zero();
-        let underlay = SurfaceGeometry { normal: &normal, convex: false };
+        let geometry = SurfaceGeometry { normal: &normal, convex: false };
         let PixelClassification { mut statuses, mut report, albedo_map, converted } =
-            classify_pixels(rgb, &region, settings, &underlay, report)?;
+            classify_pixels(rgb, &region, settings, &geometry, report)?;
         let rgb = converted.as_ref().unwrap_or(rgb);
         let without_outliers = without_outliers(rgb, &statuses);
         for (i, (inside, status)) in region.as_mut_slice().iter_mut().zip(statuses.as_slice()).enumerate() {

@@ -287,7 +287,7 @@ impl Observations {
         }
         let rgb = &picture.rgb;
         let (width, height) = rgb.size();
-        let coverage = coverage.or(picture.alpha.as_ref());
+        let coverage = coverage.or(picture.varying_alpha());
         if let Some(coverage) = coverage {
             check_size("mask", coverage.size(), rgb.size())?;
         }
@@ -304,8 +304,8 @@ impl Observations {
             let (nx, ny) = ((column as f64 + 0.5 - x) / radius, (y - row as f64 - 0.5) / radius);
             DVec3::new(nx, ny, (1.0 - nx * nx - ny * ny).max(0.0).sqrt()).as_vec3()
         };
-        let underlay = SurfaceGeometry { normal: &normal, convex: true };
-        let mut judged = classify_pixels(rgb, &region, settings, &underlay, ObservationReport::default())?;
+        let surface = SurfaceGeometry { normal: &normal, convex: true };
+        let mut judged = classify_pixels(rgb, &region, settings, &surface, ObservationReport::default())?;
         let converted = judged.converted.take();
         let rgb = converted.as_ref().unwrap_or(rgb);
 

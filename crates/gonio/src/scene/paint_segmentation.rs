@@ -130,9 +130,9 @@ fn solve_three(rows: [[f64; 3]; 3], right: [f64; 3]) -> Option<[f64; 3]> {
 pub(super) fn segment_paint(
     rgb: &Plane<Vec3>,
     usable: &dyn Fn((usize, usize)) -> bool,
-    underlay: &SurfaceGeometry<'_>,
+    surface: &SurfaceGeometry<'_>,
 ) -> Option<Plane<bool>> {
-    let cells = Cells::of(rgb, usable, underlay, (CELLS, true))?;
+    let cells = Cells::of(rgb, usable, surface, (CELLS, true))?;
     let size = cells.tones.size();
     let places = || (0..size.1).flat_map(|v| (0..size.0).map(move |u| (u, v)));
     let stepped = Plane::from_fn(size.0, size.1, |u, v| {
@@ -150,7 +150,7 @@ pub(super) fn segment_paint(
     let mut taken = stepped.map(|_| false);
     for region in (1..sizes.len()).filter(|at| *at != main && sizes[*at] >= MIN_CELLS) {
         if let Some(step) = Border::of(&cells, &labels, region as u32, main as u32)
-            .and_then(|border| border.step(sizes[region], underlay.convex))
+            .and_then(|border| border.step(sizes[region], surface.convex))
         {
             grow(&mut taken, &cells, &labels, &stepped, region as u32, &step);
         }

@@ -37,7 +37,7 @@ impl Observations {
         if surface.is_convex() {
             return Ok(());
         }
-        let lookouts: Option<Vec<VisibilityPoint>> = self
+        let points: Option<Vec<VisibilityPoint>> = self
             .pixels
             .iter()
             .zip(&self.points)
@@ -46,8 +46,8 @@ impl Observations {
                 Some(VisibilityPoint { from: hit.ray_origin, normal: point.normal })
             })
             .collect();
-        let lookouts = lookouts.ok_or(SceneError::NoSurface)?;
-        let visibility = Visibility::trace(surface, &lookouts, map, side, progress);
+        let points = points.ok_or(SceneError::NoSurface)?;
+        let visibility = Visibility::trace(surface, &points, map, side, progress);
         if visibility.is_open() {
             return Ok(());
         }

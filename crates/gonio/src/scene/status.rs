@@ -91,7 +91,7 @@ pub(super) fn classify_pixels(
     rgb: &Plane<Vec3>,
     region: &Plane<bool>,
     settings: &ObservationSettings,
-    underlay: &SurfaceGeometry<'_>,
+    surface: &SurfaceGeometry<'_>,
     report: ObservationReport,
 ) -> Result<PixelClassification, SceneError> {
     let (width, height) = rgb.size();
@@ -118,12 +118,12 @@ pub(super) fn classify_pixels(
     let (mut pattern_ratio, mut albedo_map, mut converted) = (None, None, None);
     if !settings.keep_colours {
         let usable = |at| statuses[at] == PixelStatus::Used;
-        let other = match segment_pattern(rgb, &usable, underlay) {
+        let other = match segment_pattern(rgb, &usable, surface) {
             Some(Pattern { mut other, converted: own, ratio, mut relative }) => {
                 pattern_ratio = Some(ratio);
                 let picture = Plane::from_fn(width, height, |x, y| own[(x, y)].unwrap_or(rgb[(x, y)]));
                 // Small regions of a third paint.
-                if let Some(third) = segment_paint(&picture, &|at| usable(at) && !other[at], underlay) {
+                if let Some(third) = segment_paint(&picture, &|at| usable(at) && !other[at], surface) {
                     let both = other.as_mut_slice().iter_mut().zip(relative.as_mut_slice());
                     for ((other, relative), _) in both.zip(third.as_slice()).filter(|(_, third)| **third) {
                         (*other, *relative) = (true, Vec3::ZERO);
@@ -133,7 +133,7 @@ pub(super) fn classify_pixels(
                 converted = Some(picture);
                 Some(other)
             }
-            None => segment_paint(rgb, &usable, underlay),
+            None => segment_paint(rgb, &usable, surface),
         };
         for (status, other) in statuses.as_mut_slice().iter_mut().zip(other.iter().flat_map(Plane::as_slice)) {
             if *other && *status == PixelStatus::Used {
@@ -193,11 +193,11 @@ mod tests {
     #[test]
     fn rejects_pictures_with_more_than_half_of_the_pixels_faulty() {
         let region = Plane::from_fn(40, 40, |_, _| true);
-        let underlay = SurfaceGeometry { normal: &|_| Vec3::Z, convex: true };
+        let surface = SurfaceGeometry { normal: &|_| Vec3::Z, convex: true };
         let judged = |faulty: usize| {
             let value = |x, y| if 40 * y + x < faulty { f32::NAN } else { 1.0 + 0.01 * x as f32 };
             let rgb = Plane::from_fn(40, 40, |x, y| Vec3::splat(value(x, y)));
-            classify_pixels(&rgb, &region, &ObservationSettings::default(), &underlay, ObservationReport::default())
+            classify_pixels(&rgb, &region, &ObservationSettings::default(), &surface, ObservationReport::default())
         };
         assert_eq!(judged(800).unwrap().report.not_finite, 800);
         let refused = judged(801).err().unwrap();

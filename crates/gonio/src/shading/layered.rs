@@ -30,7 +30,7 @@ pub struct Layered {
     pub specular_color: DVec3,
     /// Weight of the coat, 0..=1.
     pub coat_weight: f64,
-    /// Square root of the coat's `alpha`, at most `roughness`.
+    /// Square root of the coat's `alpha`: at most `roughness`, but at least 0.05.
     pub coat_roughness: f64,
 }
 

@@ -27,7 +27,7 @@ pub struct MetallicRoughness {
     pub specular_color: DVec3,
     /// Weight of the coat, 0..=1.
     pub clearcoat: f64,
-    /// Square root of the coat's `alpha`, at most `roughness`.
+    /// Square root of the coat's `alpha`: at most `roughness`, but at least 0.05.
     pub clearcoat_roughness: f64,
 }
 

@@ -85,13 +85,13 @@ mod tests {
                 along_ray[(x, y)].map(|d| -(ray.origin + d * ray.direction).z)
             });
             for (depths, kind) in [(&along_ray, DepthKind::AlongRay), (&along_axis, DepthKind::AlongAxis)] {
-                let places = positions_of_depth(depths, &camera, kind).unwrap();
-                let observed = places.as_slice().iter().flatten().count();
+                let positions = positions_of_depth(depths, &camera, kind).unwrap();
+                let observed = positions.as_slice().iter().flatten().count();
                 assert!(observed > 1500 && observed == depths.as_slice().iter().flatten().count(), "{observed}");
-                for (i, place) in places.as_slice().iter().enumerate() {
-                    let Some(place) = place else { continue };
-                    assert!(((*place - centre).length() - radius).abs() < 1e-12, "{place}");
-                    let (x, y) = camera.project(*place).unwrap();
+                for (i, position) in positions.as_slice().iter().enumerate() {
+                    let Some(position) = position else { continue };
+                    assert!(((*position - centre).length() - radius).abs() < 1e-12, "{position}");
+                    let (x, y) = camera.project(*position).unwrap();
                     assert!((x - (i % 90) as f64 - 0.5).abs() + (y - (i / 90) as f64 - 0.5).abs() < 1e-9);
                 }
             }
@@ -102,8 +102,8 @@ mod tests {
     fn invalid_depths_give_no_position() {
         let camera = Camera::new(Projection::Perspective { focal: 10.0 }, (1.0, 0.5), (4, 1)).unwrap();
         let depths = Plane::from_vec(4, 1, vec![None, Some(f64::NAN), Some(-1.0), Some(2.0)]);
-        let places = positions_of_depth(&depths, &camera, DepthKind::AlongAxis).unwrap();
-        assert_eq!(places.as_slice(), [None, None, None, Some(DVec3::new(0.5, 0.0, -2.0))]);
+        let positions = positions_of_depth(&depths, &camera, DepthKind::AlongAxis).unwrap();
+        assert_eq!(positions.as_slice(), [None, None, None, Some(DVec3::new(0.5, 0.0, -2.0))]);
         let error = positions_of_depth(&Plane::from_fn(2, 3, |_, _| None), &camera, DepthKind::AlongRay).unwrap_err();
         assert_eq!(
             error.to_string(),

@@ -79,7 +79,7 @@ impl MeshDefects {
             ..
         } = *self;
         let count = |n: usize, what: &str| (n > 0).then(|| format!("{n} {what}"));
-        let odd: Vec<String> = [
+        let defects: Vec<String> = [
             count(degenerate, "triangles with zero area (ignored)"),
             count(non_manifold_edges, "edges shared by more than two triangles"),
             count(inconsistent_edges, "edges between triangles of opposite orientation"),
@@ -92,7 +92,7 @@ impl MeshDefects {
         .into_iter()
         .flatten()
         .collect();
-        (!odd.is_empty()).then(|| format!("the mesh of {triangles} triangles has {}", odd.join(", ")))
+        (!defects.is_empty()).then(|| format!("the mesh of {triangles} triangles has {}", defects.join(", ")))
     }
 }
 
@@ -114,8 +114,8 @@ mod tests {
     #[test]
     fn complains_only_about_meshes_with_defects() {
         assert_eq!(MeshDefects { triangles: 10, ..Default::default() }.describe(), None);
-        let odd = MeshDefects { triangles: 10, degenerate: 2, inside_out: true, ..Default::default() };
-        let complaint = odd.describe().unwrap();
+        let defects = MeshDefects { triangles: 10, degenerate: 2, inside_out: true, ..Default::default() };
+        let complaint = defects.describe().unwrap();
         assert!(complaint.starts_with("the mesh of 10 triangles has 2 triangles with zero area"), "{complaint}");
         assert!(complaint.contains("inwards"), "{complaint}");
     }

@@ -22,12 +22,12 @@ fn prior() -> LightPrior {
 }
 
 /// Light of lamps and sky; `tint` maps a direction to the tints of red and blue.
-fn planted(tint: impl Fn(DVec3) -> [f64; 2]) -> LightGrid {
+fn planted(chroma: impl Fn(DVec3) -> [f64; 2]) -> LightGrid {
     let texel = |t: usize| {
         let (u, v) = LightGrid::centre_of(FINE, t);
         let d = MAP.direction(u, v);
         let brightness = if d.y > 0.6 { 6.0 } else { 1.0 + 0.5 * d.x };
-        let [red, blue] = tint(d);
+        let [red, blue] = chroma(d);
         let (y, one) = ([0, 1, 2].map(|c| f64::from(luminance(Vec3::AXES[c]))), brightness);
         let green = 1.0 - (y[0] * red + y[2] * blue) / y[1];
         (one * DVec3::new(1.0 + red, green, 1.0 + blue)).as_vec3()
@@ -92,7 +92,7 @@ fn colouring(field: &ChromaField) -> Colouring {
     Colouring::Estimate(Box::new(ColourEstimate::of(&table(), field.clone(), draws, light)))
 }
 
-fn tint(observed: &Observations, field: &ChromaField, light: &LightGrid) -> ChromaticLight {
+fn chromatic_light(observed: &Observations, field: &ChromaField, light: &LightGrid) -> ChromaticLight {
     let (table, light, colouring) = (table(), found(light), colouring(field));
     Rows::of(&prior(), observed, &table, &colouring, FINE).unwrap().unwrap().under(&colouring, &light).unwrap()
 }
@@ -115,7 +115,7 @@ fn green() -> ChromaField {
 #[test]
 fn recovers_the_colours_of_the_light_and_keeps_its_luminance() {
     let light = planted(natural);
-    let got = tint(&photograph(&table(), &green(), &light, 0.0), &green(), &light);
+    let got = chromatic_light(&photograph(&table(), &green(), &light, 0.0), &green(), &light);
     let (mut off, mut all) = (0.0, 0.0);
     for (t, (got, want)) in got.grid.texels().iter().zip(light.texels()).enumerate() {
         assert!((luminance(*got) / luminance(*want) - 1.0).abs() < 1e-4);
@@ -143,7 +143,7 @@ fn a_wrong_luminance_does_not_tint_the_light() {
     let furthest = |grid: &LightGrid| {
         grid.texels().iter().map(|t| Chroma::of(t.as_dvec3()).distance(Chroma::default())).fold(0.0, f64::max)
     };
-    let got = tint(&observed, &ChromaField::GREY, &wrong);
+    let got = chromatic_light(&observed, &ChromaField::GREY, &wrong);
     assert!(furthest(&got.grid) < 1e-3 && furthest(&any) > 0.3, "{}", furthest(&got.grid));
 }
 
@@ -151,13 +151,17 @@ fn a_wrong_luminance_does_not_tint_the_light() {
 fn warns_about_wrong_colours_but_not_about_noise() {
     let light = planted(natural);
     let observed = photograph(&table(), &green(), &light, 0.0);
-    let grey = tint(&observed, &ChromaField::GREY, &light);
-    assert!(matches!(grey.diagnostic(), Some(Diagnostic::Colours(apart)) if apart > 0.3), "{:?}", grey.chroma_residual);
+    let grey = chromatic_light(&observed, &ChromaField::GREY, &light);
+    assert!(
+        matches!(grey.diagnostic(), Some(Diagnostic::Colours(residual)) if residual > 0.3),
+        "{:?}",
+        grey.chroma_residual
+    );
     // The coloured light explains the photograph nevertheless.
     assert!(grey.misfit < 0.06, "{}", grey.misfit);
     // Relative noise of 0.2 in each channel is a chroma difference of 0.34 in a single pixel. The
     // mean product over 450 pixels is zero, up to the square of 0.09.
-    let noisy = tint(&photograph(&table(), &green(), &light, 0.2), &green(), &light);
+    let noisy = chromatic_light(&photograph(&table(), &green(), &light, 0.2), &green(), &light);
     assert!(noisy.chroma_residual[1] < 0.15 && noisy.diagnostic().is_none(), "{:?}", noisy.chroma_residual);
 }
 
@@ -165,13 +169,13 @@ fn warns_about_wrong_colours_but_not_about_noise() {
 fn residual_widens_the_intervals() {
     let light = planted(natural);
     let colouring = colouring(&ChromaField::GREY);
-    let tint = tint(&photograph(&table(), &green(), &light, 0.0), &ChromaField::GREY, &light);
-    let Colouring::Estimate(found) = colouring.less_certain(&table(), &tint) else { panic!("no estimate") };
+    let light = chromatic_light(&photograph(&table(), &green(), &light, 0.0), &ChromaField::GREY, &light);
+    let Colouring::Estimate(found) = colouring.less_certain(&table(), &light) else { panic!("no estimate") };
     let [low, high] = found.body.interval[0];
     assert!(low < -0.3 && high > 0.3, "{low} {high}");
     // The estimate and the interval of the light are unchanged.
     assert!(found.field.is_grey() && found.light.interval[0] == [0.0, 0.0]);
-    assert_eq!(Colouring::Grey.less_certain(&table(), &tint), Colouring::Grey);
+    assert_eq!(Colouring::Grey.less_certain(&table(), &light), Colouring::Grey);
 }
 
 #[test]
@@ -219,7 +223,7 @@ fn posterior_matches_the_closed_form_in_image_space() {
 fn result_is_independent_of_threads_and_none_for_grey() {
     let light = planted(natural);
     let observed = photograph(&table(), &green(), &light, 0.05);
-    let run = || tint(&observed, &green(), &light);
+    let run = || chromatic_light(&observed, &green(), &light);
     assert_eq!(on_threads(1, run), on_threads(3, run));
     for colouring in [Colouring::Grey, Colouring::GreyPhotograph] {
         assert!(Rows::of(&prior(), &observed, &table(), &colouring, FINE).unwrap().is_none());

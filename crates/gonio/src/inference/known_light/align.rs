@@ -141,7 +141,9 @@ impl Candidate {
         space: &ParameterSpace,
         made: DVec3,
     ) -> Result<Option<DVec3>, KnownLightError> {
-        let image = ImageModel::of(&self.operator, rows, space, FitPrior::MATERIAL)?;
+        // The prior of the fit, so that the state is at the minimum of the same cost.
+        let prior = FitPrior { deviation: self.fit.deviation, ..FitPrior::MATERIAL };
+        let image = ImageModel::of(&self.operator, rows, space, prior)?;
         let table = space.table(&self.fit.state.coefficients);
         let proposal = propose((&image, &self.fit), rows, light, &table, made);
         Ok(proposal.filter(|p| p.gain > MIN_GAIN.0 && p.rotation.length() > MIN_GAIN.1).map(|p| p.rotation))

@@ -125,8 +125,8 @@ impl ColouredRows<'_> {
             let state = image.start(&vec![0.0; space.dimensions], 1.0);
             let fit = image.fit_to(&rows, state)?;
             let square = |values: &mut dyn Iterator<Item = f64>| values.map(|v| v * v).sum::<f64>();
-            let left = square(&mut values.iter().zip(&fit.state.predicted).map(|(v, p)| v - p));
-            let misfit = (left / square(&mut values.iter().copied()).max(f64::MIN_POSITIVE)).sqrt();
+            let residual = square(&mut values.iter().zip(&fit.state.predicted).map(|(v, p)| v - p));
+            let misfit = (residual / square(&mut values.iter().copied()).max(f64::MIN_POSITIVE)).sqrt();
             Ok((fit, misfit))
         };
         let found: Vec<(LaplaceFit, f64)> = parallel::map_range(3, one).into_iter().collect::<Result<_, _>>()?;

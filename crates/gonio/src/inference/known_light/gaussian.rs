@@ -129,7 +129,7 @@ impl Gaussian {
     }
 
     /// Returns the mean in the coordinates of the prior.
-    pub(crate) fn place(&self) -> &[f64] {
+    pub(crate) fn coordinates(&self) -> &[f64] {
         &self.mean[..self.axes()]
     }
 
@@ -183,9 +183,9 @@ mod tests {
                 }
             }
         });
-        let mut place = vec![0.0; n];
-        place[0] = precision * mean / (1.0 + precision);
-        Gaussian { mean: place, precision: lower(&own), deviation: 0.2 }
+        let mut coordinates = vec![0.0; n];
+        coordinates[0] = precision * mean / (1.0 + precision);
+        Gaussian { mean: coordinates, precision: lower(&own), deviation: 0.2 }
     }
 
     #[test]

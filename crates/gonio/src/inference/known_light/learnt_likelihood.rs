@@ -40,9 +40,9 @@ impl EncoderLikelihood {
         Self::of_weights(&learnt.prior.coordinates, &learnt.prior.weights(embedding))
     }
 
-    fn of_weights(places: &[Vec<f32>], weights: &[f64]) -> Option<Self> {
-        let (prior, from) = natural(places, &vec![1.0; places.len()])?;
-        let (posterior, to) = natural(places, weights)?;
+    fn of_weights(materials: &[Vec<f32>], weights: &[f64]) -> Option<Self> {
+        let (prior, from) = natural(materials, &vec![1.0; materials.len()])?;
+        let (posterior, to) = natural(materials, weights)?;
         let (values, vectors) = eigenvectors((posterior - prior).as_ref());
         let n = to.len();
         let half = Mat::from_fn(n, n, |i, k| vectors[(i, k)] * (POWER * values[k].max(0.0)).sqrt());
@@ -52,13 +52,14 @@ impl EncoderLikelihood {
 }
 
 /// Returns the inverse covariance of weighted coordinates, and its product with their mean.
-fn natural(places: &[Vec<f32>], weights: &[f64]) -> Option<(Mat<f64>, Vec<f64>)> {
-    let (n, total) = (places[0].len(), weights.iter().sum::<f64>());
+fn natural(materials: &[Vec<f32>], weights: &[f64]) -> Option<(Mat<f64>, Vec<f64>)> {
+    let (n, total) = (materials[0].len(), weights.iter().sum::<f64>());
     let mut mean = vec![0.0; n];
-    for (place, weight) in places.iter().zip(weights) {
-        mean.iter_mut().zip(place).for_each(|(sum, z)| *sum += weight / total * f64::from(*z));
+    for (coordinates, weight) in materials.iter().zip(weights) {
+        mean.iter_mut().zip(coordinates).for_each(|(sum, z)| *sum += weight / total * f64::from(*z));
     }
-    let off = Mat::from_fn(places.len(), n, |i, k| (weights[i] / total).sqrt() * (f64::from(places[i][k]) - mean[k]));
+    let off =
+        Mat::from_fn(materials.len(), n, |i, k| (weights[i] / total).sqrt() * (f64::from(materials[i][k]) - mean[k]));
     let mut covariance = off.transpose() * &off;
     (0..n).for_each(|k| covariance[(k, k)] += MIN_VARIANCE);
     let inverse = Cholesky::new(covariance)?.inverse_of_lower();
@@ -75,7 +76,7 @@ mod tests {
 
     use super::*;
 
-    fn places(count: usize) -> Vec<Vec<f32>> {
+    fn materials(count: usize) -> Vec<Vec<f32>> {
         let mut rng = Pcg64::seed_from_u64(4);
         (0..count).map(|_| (0..3).map(|_| StandardNormal.sample(&mut rng)).collect()).collect()
     }
@@ -83,12 +84,13 @@ mod tests {
     /// Recovers half of the Gaussian likelihood that determines the weights.
     #[test]
     fn recovers_a_gaussian_likelihood() {
-        let (places, at, deviations) = (places(200_000), [0.5, -0.3, 0.2], [0.5, 0.8, 1e3]);
-        let weight = |place: &Vec<f32>| {
-            let off = (0..3).map(|k| ((f64::from(place[k]) - at[k]) / deviations[k]).powi(2));
+        let (materials, at, deviations) = (materials(200_000), [0.5, -0.3, 0.2], [0.5, 0.8, 1e3]);
+        let weight = |coordinates: &Vec<f32>| {
+            let off = (0..3).map(|k| ((f64::from(coordinates[k]) - at[k]) / deviations[k]).powi(2));
             (-0.5 * off.sum::<f64>()).exp()
         };
-        let hint = EncoderLikelihood::of_weights(&places, &places.iter().map(weight).collect::<Vec<f64>>()).unwrap();
+        let hint =
+            EncoderLikelihood::of_weights(&materials, &materials.iter().map(weight).collect::<Vec<f64>>()).unwrap();
         for k in 0..3 {
             let want = POWER / deviations[k].powi(2);
             let found = hint.information[(k, k)];
@@ -100,7 +102,7 @@ mod tests {
     /// Equal weights contain no information.
     #[test]
     fn equal_weights_give_an_empty_hint() {
-        let hint = EncoderLikelihood::of_weights(&places(500), &[0.7; 500]).unwrap();
+        let hint = EncoderLikelihood::of_weights(&materials(500), &[0.7; 500]).unwrap();
         assert!((0..9).all(|i| hint.information[(i / 3, i % 3)].abs() < 1e-9));
         assert!(hint.vector.iter().all(|b| b.abs() < 1e-9));
     }

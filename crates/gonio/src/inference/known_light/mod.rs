@@ -37,7 +37,7 @@ use crate::render::IntegratorSettings;
 use crate::shape::{SurfacePoint, Visibility};
 use crate::statistics::median;
 pub use channels::ChannelPosterior;
-use fit::{FitPrior, ImageModel, LaplaceFit, State};
+use fit::{FitPrior, ImageModel, LOG_FLOOR, LaplaceFit, State};
 pub use gaussian::Gaussian;
 pub(crate) use learnt_likelihood::EncoderLikelihood;
 pub use light::{KnownLight, Operator, clipped};
@@ -117,10 +117,11 @@ impl<'a> PriorMaterials<'a> {
     ///
     /// # Panics
     /// If there are no materials.
-    pub fn of(coordinates: &'a LatentSpace, places: &[Vec<f64>]) -> Self {
-        assert!(!places.is_empty(), "at least one material is required");
-        let some =
-            |most: usize| -> Vec<Vec<f64>> { places.iter().step_by(places.len().div_ceil(most)).cloned().collect() };
+    pub fn of(coordinates: &'a LatentSpace, materials: &[Vec<f64>]) -> Self {
+        assert!(!materials.is_empty(), "at least one material is required");
+        let some = |most: usize| -> Vec<Vec<f64>> {
+            materials.iter().step_by(materials.len().div_ceil(most)).cloned().collect()
+        };
         let starts = some(STARTS);
         let (tables, examples) = (coordinates.tables(&starts), coordinates.tables(&some(EXAMPLES)));
         Self { latent_space: coordinates, starts, tables, examples }
@@ -202,8 +203,8 @@ impl KnownLightPosterior {
         turn: DQuat,
     ) -> Self {
         let square = |values: &mut dyn Iterator<Item = f64>| values.map(|v| v * v).sum::<f64>();
-        let left = square(&mut rows.values.iter().zip(&found.state.predicted).map(|(v, p)| v - p));
-        let misfit = (left / square(&mut rows.values.iter().copied())).sqrt();
+        let residual = square(&mut rows.values.iter().zip(&found.state.predicted).map(|(v, p)| v - p));
+        let misfit = (residual / square(&mut rows.values.iter().copied())).sqrt();
         let mut last = vec![0.0; image.len()];
         last[image.len() - 1] = 1.0;
         let gain = (image.len() > space.len()).then(|| {
@@ -257,7 +258,7 @@ impl ObservedPoints<'_> {
 
 /// Initial material of a fit.
 struct Start {
-    place: Vec<f64>,
+    coordinates: Vec<f64>,
     gain: f64,
     /// Median absolute deviation of the logarithm of its rendering from that of the image.
     deviation: f64,
@@ -265,7 +266,7 @@ struct Start {
 
 impl Start {
     fn state(&self, image: &ImageModel<'_>) -> State {
-        image.start(&self.place, self.gain)
+        image.start(&self.coordinates, self.gain)
     }
 }
 
@@ -274,7 +275,7 @@ impl Start {
 /// The distance is the median absolute deviation of the logarithm.
 fn start(operator: &Operator, values: &[f64], materials: &PriorMaterials<'_>) -> Start {
     let rows: Vec<usize> = (0..values.len()).step_by(values.len().div_ceil(COMPARED).max(1)).collect();
-    let floor = 0.01 * values.iter().sum::<f64>() / values.len() as f64;
+    let floor = LOG_FLOOR * values.iter().sum::<f64>() / values.len() as f64;
     let deviation = |table: &BivariateTable, gain: f64| {
         let cells = table.as_slice();
         let picture: Vec<f64> =
@@ -292,5 +293,5 @@ fn start(operator: &Operator, values: &[f64], materials: &PriorMaterials<'_>) ->
     });
     let at = (0..deviations.len()).min_by(|a, b| deviations[*a].1.total_cmp(&deviations[*b].1));
     let at = at.expect("at least one material");
-    Start { place: materials.starts[at].clone(), gain: deviations[at].0, deviation: deviations[at].1 }
+    Start { coordinates: materials.starts[at].clone(), gain: deviations[at].0, deviation: deviations[at].1 }
 }

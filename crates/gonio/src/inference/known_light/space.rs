@@ -42,7 +42,7 @@ impl ParameterSpace {
         let nearest: Vec<usize> = (0..CELLS).map(nearest_trusted).collect();
         let [last_h, last_d] = nearest.iter().fold([0, 0], |[h, d], c| [h.max(c / THETA_D), d.max(c % THETA_D)]);
         let splines = |cell: &usize| {
-            let at = |place: usize, last: usize, count: usize| splines(place as f64 / last as f64, count);
+            let at = |index: usize, last: usize, count: usize| splines(index as f64 / last as f64, count);
             [at(cell / THETA_D, last_h, SPLINES[0]), at(cell % THETA_D, last_d, SPLINES[1])]
         };
         Self {
@@ -67,26 +67,16 @@ impl ParameterSpace {
         self.dimensions + SPLINES[0] * SPLINES[1] + 1
     }
 
-    /// Returns the coefficients of a material at prior coordinates `place`.
-    pub(super) fn at(&self, place: &[f64]) -> Vec<f64> {
+    /// Returns the coefficients of a material at the given prior coordinates.
+    pub(super) fn at(&self, coordinates: &[f64]) -> Vec<f64> {
         let mut coefficients = vec![0.0; self.len()];
-        coefficients[..self.dimensions].copy_from_slice(place);
+        coefficients[..self.dimensions].copy_from_slice(coordinates);
         coefficients
     }
 
     /// Indices of the coefficients of the splines.
     pub(super) fn splines(&self) -> Range<usize> {
         self.dimensions..self.len() - 1
-    }
-
-    /// Returns the prior precisions of the coefficients, whose prior means are zero.
-    ///
-    /// `deviation` is the standard deviation of the spline coefficients.
-    pub(super) fn precisions(&self, deviation: f64) -> Vec<f64> {
-        let mut out = vec![1.0; self.len()];
-        out[self.splines()].fill(deviation.powi(-2));
-        out[self.len() - 1] = 0.0;
-        out
     }
 
     /// Adds `scale` times the derivatives of the logarithm in a cell to `row`.

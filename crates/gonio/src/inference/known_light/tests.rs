@@ -87,7 +87,7 @@ fn tolerates_a_fifth_of_outliers() {
     values.iter_mut().step_by(5).for_each(|v| *v *= 0.2);
     let found = infer(&points, &operator, &values).unwrap();
     let truth = WORLD.table(&WORLD.entries[2]);
-    for (a, b) in found.gaussian().unwrap().place().iter().zip(WORLD.latent_space.of(&truth)).take(2) {
+    for (a, b) in found.gaussian().unwrap().coordinates().iter().zip(WORLD.latent_space.of(&truth)).take(2) {
         assert!((a - b).abs() < 0.4, "{a} {b}");
     }
 }

@@ -89,8 +89,8 @@ impl LearntPosterior {
     /// Computes the posterior mean for an embedding of images, in the coordinates of materials.
     pub fn mean_coordinates(&self, embedding: &Embedding) -> Vec<f64> {
         let mut mean = vec![0.0; self.latent_space.axes.len()];
-        for (place, weight) in self.prior.coordinates.iter().zip(self.prior.weights(&embedding.tempered())) {
-            mean.iter_mut().zip(place).for_each(|(sum, z)| *sum += weight * f64::from(*z));
+        for (coordinates, weight) in self.prior.coordinates.iter().zip(self.prior.weights(&embedding.tempered())) {
+            mean.iter_mut().zip(coordinates).for_each(|(sum, z)| *sum += weight * f64::from(*z));
         }
         mean
     }

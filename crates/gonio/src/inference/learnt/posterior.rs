@@ -59,7 +59,7 @@ impl MaterialPosterior {
         match likelihood {
             Likelihood::Embedding(embedding) => Some(Self::of_embedding(learnt, embedding)),
             Likelihood::Gaussian(gaussian) => {
-                let neighbours = nearest(learnt, gaussian.place());
+                let neighbours = nearest(learnt, gaussian.coordinates());
                 Self::of_gaussian(&learnt.latent_space, gaussian, neighbours)
             }
         }
@@ -180,18 +180,19 @@ fn heaviest(learnt: &LearntPosterior, weights: &[f64]) -> Vec<Neighbour> {
     order.sort_by(|a, b| weights[*b].total_cmp(&weights[*a]));
     order.truncate(MAX_NEIGHBOURS);
     order.retain(|at| weights[*at] >= MIN_NEIGHBOUR_WEIGHT);
-    let places: Vec<Vec<f64>> =
+    let materials: Vec<Vec<f64>> =
         order.iter().map(|at| learnt.measured.coordinates[*at].iter().map(|z| f64::from(*z)).collect()).collect();
-    let tables = learnt.latent_space.tables(&places);
+    let tables = learnt.latent_space.tables(&materials);
     let neighbour = |(at, table): (usize, _)| Neighbour { name: learnt.names[at].clone(), weight: weights[at], table };
     order.into_iter().zip(tables).map(neighbour).collect()
 }
 
-/// Returns the measured materials nearest to a place in the coordinates.
+/// Returns the measured materials nearest to given coordinates.
 ///
 /// The weights are proportional to `exp(-d^2 / 2)`, where `d` is the distance.
 fn nearest(learnt: &LearntPosterior, from: &[f64]) -> Vec<Neighbour> {
-    let distance = |place: &Vec<f32>| from.iter().zip(place).map(|(a, b)| (a - f64::from(*b)).powi(2)).sum::<f64>();
+    let distance =
+        |coordinates: &Vec<f32>| from.iter().zip(coordinates).map(|(a, b)| (a - f64::from(*b)).powi(2)).sum::<f64>();
     let distances: Vec<f64> = learnt.measured.coordinates.iter().map(distance).collect();
     let least = distances.iter().copied().fold(f64::INFINITY, f64::min);
     let weights: Vec<f64> = distances.iter().map(|d| (-0.5 * (d - least)).exp()).collect();
@@ -220,10 +221,10 @@ pub(crate) fn sample(
 /// The same seed gives the same draws.
 fn draws(learnt: &LearntPosterior, embedding: &[f32], count: usize, seed: u64) -> Vec<BivariateTable> {
     let candidates = &learnt.prior;
-    let place = |at: usize| candidates.coordinates[at].iter().map(|z| f64::from(*z)).collect();
+    let coordinates = |at: usize| candidates.coordinates[at].iter().map(|z| f64::from(*z)).collect();
     let drawn = Candidates::draw(&candidates.weights(embedding), count, seed);
-    let places: Vec<Vec<f64>> = drawn.into_iter().map(place).collect();
-    parallel::map(&learnt.latent_space.tables(&places), |table| table.with_normal_albedo(1.0).0)
+    let materials: Vec<Vec<f64>> = drawn.into_iter().map(coordinates).collect();
+    parallel::map(&learnt.latent_space.tables(&materials), |table| table.with_normal_albedo(1.0).0)
 }
 
 /// Computes the width of the 90 % interval of each cell's logarithm over equally likely tables.

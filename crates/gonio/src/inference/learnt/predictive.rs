@@ -14,8 +14,9 @@ use crate::reflectance::{BivariateTable, unit_field};
 ///
 /// Each draw is one of [`sample`] times `exp(t s f)`. Here `s` is the [`ErrorScale`] of the cell,
 /// and `f` is a smooth random field of variance one. `t` makes the product `t f` follow Student's
-/// distribution in every cell. The quantiles of the draws are therefore those of
-/// [`MaterialPosterior::quantiles`](super::MaterialPosterior::quantiles).
+/// distribution in every cell. The quantiles of the draws are approximately those of
+/// [`MaterialPosterior::quantiles`](super::MaterialPosterior::quantiles), which add the distances
+/// of both errors from the median in quadrature.
 ///
 /// The same seed gives the same draws. Returns `None` if the likelihood is that of another model.
 pub(crate) fn predict(

@@ -61,11 +61,8 @@ pub struct SphereEquivalent {
 /// Converts observations to the image of the equivalent sphere on the disk of normals.
 ///
 /// # Errors
-/// [`LightError`] if all observations are black; also the errors of [`LightProblem::new`] and
-/// [`LightProblem::posterior`].
-///
-/// # Panics
-/// If nothing is observed.
+/// [`LightError`] if nothing is observed or all observations are black; also the errors of
+/// [`LightProblem::new`] and [`LightProblem::posterior`].
 pub fn to_sphere_equivalent(
     observations: &Observations,
     learnt: &LearntPosterior,
@@ -93,13 +90,14 @@ pub fn to_sphere_equivalent(
         let problem = LightProblem::of_observations(&few, &posterior.mean, prior, transfer)?;
         let evidence = problem.posterior()?;
         let radiance: Vec<f64> = cut_off_at_zero(&evidence.light).iter().map(|l| l * evidence.exposure).collect();
-        let light = LightGrid::from_coefficients(prior.map, &radiance);
+        let light = LightGrid::from_coefficients(prior.map, &radiance).non_negative();
         let predictions = predict(chosen.points_with_visibility(), &posterior.mean, &light, QUADRATURE);
-        let logs: Vec<f64> = predictions
-            .iter()
-            .map(|p| p.on_sphere / p.shadowed)
-            .map(|ratio| if ratio.is_finite() { ratio.clamp(1.0 / MAX_RATIO, MAX_RATIO).ln() } else { 0.0 })
-            .collect();
+        let log = |p: &Prediction| {
+            // In complete shadow, the largest ratio also gives the point a small weight.
+            let ratio = p.on_sphere / p.shadowed.max(f64::MIN_POSITIVE);
+            if p.on_sphere > 0.0 { ratio.clamp(1.0 / MAX_RATIO, MAX_RATIO).ln() } else { 0.0 }
+        };
+        let logs: Vec<f64> = predictions.iter().map(log).collect();
         // A large factor also amplifies the noise. Where most light passes the edge of a shadow,
         // the ratio is unreliable.
         let reliable = |((weight, log), prediction): ((&f64, &f64), &Prediction)| {

@@ -50,26 +50,29 @@ pub(crate) static WORLD: LazyLock<Dictionary> = LazyLock::new(|| {
 /// `(m, 1) / s^2` is `-(z - m)^2 / 2 s^2` up to a constant: a Gaussian around `m`, of standard
 /// deviation `s` along each coordinate.
 fn measured() -> Candidates {
-    let places = &WORLD.coordinates[..WORLD.measured.len()];
-    let wide = |place: &Vec<f64>| place.iter().map(|z| *z as f32).collect::<Vec<f32>>();
-    let embedding = |place: &Vec<f64>| {
-        let square: f64 = place.iter().map(|z| z * z).sum();
-        wide(place).into_iter().chain([(-0.5 * square) as f32]).collect()
+    let materials = &WORLD.coordinates[..WORLD.measured.len()];
+    let wide = |coordinates: &Vec<f64>| coordinates.iter().map(|z| *z as f32).collect::<Vec<f32>>();
+    let embedding = |coordinates: &Vec<f64>| {
+        let square: f64 = coordinates.iter().map(|z| z * z).sum();
+        wide(coordinates).into_iter().chain([(-0.5 * square) as f32]).collect()
     };
-    Candidates { coordinates: places.iter().map(wide).collect(), embeddings: places.iter().map(embedding).collect() }
+    Candidates {
+        coordinates: materials.iter().map(wide).collect(),
+        embeddings: materials.iter().map(embedding).collect(),
+    }
 }
 
-/// Materials around a place, all of the same weight.
-fn draws_around(place: &[f64], deviation: f32) -> Candidates {
+/// Materials around given coordinates, all of the same weight.
+fn draws_around(coordinates: &[f64], deviation: f32) -> Candidates {
     let mut rng = Pcg64::seed_from_u64(8);
     let mut near = |z: &f64| *z as f32 + deviation * Distribution::<f32>::sample(&StandardNormal, &mut rng);
-    let places: Vec<Vec<f32>> = (0..300).map(|_| place.iter().map(&mut near).collect()).collect();
-    Candidates { embeddings: vec![vec![0.0; place.len() + 1]; places.len()], coordinates: places }
+    let materials: Vec<Vec<f32>> = (0..300).map(|_| coordinates.iter().map(&mut near).collect()).collect();
+    Candidates { embeddings: vec![vec![0.0; coordinates.len() + 1]; materials.len()], coordinates: materials }
 }
 
-/// Posterior that assigns to every image the materials around a place.
-fn around(place: &[f64], deviation: f32) -> LearntPosterior {
-    let outputs = place.len() + 1;
+/// Posterior that assigns to every image the materials around given coordinates.
+fn around(coordinates: &[f64], deviation: f32) -> LearntPosterior {
+    let outputs = coordinates.len() + 1;
     let shape = EncoderShape { widths: vec![1, 1], hidden: vec![2], ..EncoderShape::new(CHANNELS, GLOBALS, outputs) };
     let sizes: Vec<(String, Vec<usize>, usize)> = shape
         .convolutions()
@@ -77,7 +80,7 @@ fn around(place: &[f64], deviation: f32) -> LearntPosterior {
         .chain(shape.dense_layers())
         .map(|l| (l.name.clone(), l.dimensions(), l.geometry.outputs))
         .collect();
-    let answer: Vec<f32> = place.iter().chain([&1.0]).map(|z| *z as f32 / deviation.powi(2)).collect();
+    let answer: Vec<f32> = coordinates.iter().chain([&1.0]).map(|z| *z as f32 / deviation.powi(2)).collect();
     let find = |name: &str| {
         let (layer, part) = name.rsplit_once('.')?;
         let (_, dimensions, outputs) = sizes.iter().find(|s| s.0 == layer)?;
@@ -91,7 +94,7 @@ fn around(place: &[f64], deviation: f32) -> LearntPosterior {
     LearntPosterior {
         names: WORLD.measured.names.clone(),
         measured: measured(),
-        prior: draws_around(place, deviation),
+        prior: draws_around(coordinates, deviation),
         latent_space: WORLD.latent_space.clone(),
         widths: interval_widths(&tables),
         encoder: Encoder::from_tensors(shape, find).unwrap(),

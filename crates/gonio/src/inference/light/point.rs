@@ -9,6 +9,7 @@ use super::factor::{Design, Factor};
 use super::scales::ConditionalPrior;
 use super::{InferenceSettings, LightInference};
 use crate::lighting::RectifiedGaussian;
+use crate::search::golden_section;
 
 /// State of an ascent.
 #[derive(Clone, Debug, PartialEq)]
@@ -270,27 +271,8 @@ impl Misfit {
         }
         let mut best = 0.5 * (low + high);
         if rectified {
-            best = golden(&objective, best - 0.5, best + 0.5);
+            best = golden_section(objective, (best - 0.5, best + 0.5), 1e-9);
         }
         if objective(best) >= objective(current) { best } else { current }
     }
-}
-
-/// Returns the maximiser of a unimodal function on an interval, by golden-section search.
-fn golden(f: &dyn Fn(f64) -> f64, mut low: f64, mut high: f64) -> f64 {
-    let ratio = 0.5 * (5.0_f64.sqrt() - 1.0);
-    let (mut a, mut b) = (high - ratio * (high - low), low + ratio * (high - low));
-    let (mut at_a, mut at_b) = (f(a), f(b));
-    while high - low > 1e-9 {
-        if at_a < at_b {
-            (low, a, at_a) = (a, b, at_b);
-            b = low + ratio * (high - low);
-            at_b = f(b);
-        } else {
-            (high, b, at_b) = (b, a, at_a);
-            a = high - ratio * (high - low);
-            at_a = f(a);
-        }
-    }
-    0.5 * (low + high)
 }

@@ -200,7 +200,7 @@ impl LightInference<'_> {
             }
             converged = gain < settings.tolerance;
         }
-        Ok(self.answer(&now, trace, converged))
+        Ok(self.result(&now, trace, converged))
     }
 
     /// Returns a better point whose mixtures have other components, if there is one.
@@ -215,7 +215,7 @@ impl LightInference<'_> {
     ) -> Option<Point<'a>> {
         let posterior = now.final_variances();
         [1.0, 0.3, 0.05].into_iter().find_map(|weak| {
-            let squares = self.scales.best_alone(&now.given, &now.light, &posterior, &now.state.squares, weak);
+            let squares = self.scales.best_in_cavity(&now.given, &now.light, &posterior, &now.state.squares, weak);
             let state = State { squares, ..now.state.clone() };
             let mut next = Point::new(self, design, state, settings)?;
             (next.objective > now.objective + settings.tolerance).then(|| {
@@ -225,7 +225,7 @@ impl LightInference<'_> {
         })
     }
 
-    pub(super) fn answer(&self, now: &Point<'_>, trace: Vec<f64>, converged: bool) -> LightPosterior {
+    pub(super) fn result(&self, now: &Point<'_>, trace: Vec<f64>, converged: bool) -> LightPosterior {
         let variances = now.final_variances();
         LightPosterior {
             bound: now.bound,

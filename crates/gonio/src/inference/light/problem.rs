@@ -33,7 +33,7 @@ pub enum LightError {
     Image(#[from] ImageError),
     /// Values of the inference overflow.
     #[error(transparent)]
-    LightPosterior(#[from] LightInferenceError),
+    Inference(#[from] LightInferenceError),
 }
 
 impl<'a> LightProblem<'a> {
@@ -157,7 +157,7 @@ impl<'a> LightProblem<'a> {
     /// # Panics
     /// If there are not M coefficients.
     pub fn misfit(&self, light: &[f64]) -> f64 {
-        let left: f64 = self.design.times(light).iter().zip(&self.target).map(|(y, t)| (t - y).powi(2)).sum();
-        (left / self.target.len() as f64).sqrt() / self.rms()
+        let residual: f64 = self.design.times(light).iter().zip(&self.target).map(|(y, t)| (t - y).powi(2)).sum();
+        (residual / self.target.len() as f64).sqrt() / self.rms()
     }
 }

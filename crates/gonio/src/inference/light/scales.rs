@@ -108,7 +108,7 @@ impl<'a> Scales<'a> {
     ///
     /// Expectation maximisation alone would keep a coefficient that the image does not determine in
     /// its present component, since the bound has a local maximum at each.
-    pub(super) fn best_alone(
+    pub(super) fn best_in_cavity(
         &self,
         given: &ConditionalPrior,
         light: &[f64],
@@ -127,7 +127,7 @@ impl<'a> Scales<'a> {
             let mut top = f64::NEG_INFINITY;
             for start in std::iter::once(prior).chain(mixture.variances.iter().copied()) {
                 let mut variance = start;
-                for _ in 0..ALONE {
+                for _ in 0..CAVITY_STEPS {
                     variance = gaussian_of(mixture, cavity.square(variance)).0;
                 }
                 let square = cavity.square(variance);
@@ -143,7 +143,7 @@ impl<'a> Scales<'a> {
 }
 
 /// Number of steps of the expectation maximisation of one coefficient.
-const ALONE: usize = 6;
+const CAVITY_STEPS: usize = 6;
 
 /// Returns `1 / d` and the constant of one mixture with the optimal responsibilities for `<l^2>`.
 fn gaussian_of(mixture: &ScaleMixture, square: f64) -> (f64, f64) {

@@ -122,13 +122,13 @@ impl LatentSpace {
     /// Cells beyond the trusted ones have the value of the nearest trusted cell.
     ///
     /// # Panics
-    /// If a place does not have a number for each axis.
-    pub fn tables(&self, places: &[Vec<f64>]) -> Vec<BivariateTable> {
+    /// If a material does not have a number for each axis.
+    pub fn tables(&self, materials: &[Vec<f64>]) -> Vec<BivariateTable> {
         let directions = self.directions();
-        let table = |place: &Vec<f64>| {
-            assert_eq!(place.len(), self.axes.len());
+        let table = |coordinates: &Vec<f64>| {
+            assert_eq!(coordinates.len(), self.axes.len());
             let mut log = self.mean.clone();
-            for (axis, z) in directions.iter().zip(place) {
+            for (axis, z) in directions.iter().zip(coordinates) {
                 log.iter_mut().zip(axis).for_each(|(l, a)| *l += *z as f32 * a);
             }
             // No measured value is farther from the mean than this.
@@ -136,7 +136,7 @@ impl LatentSpace {
             table.extend_from_trusted();
             table
         };
-        parallel::map(places, table)
+        parallel::map(materials, table)
     }
 }
 
@@ -149,7 +149,7 @@ pub(crate) fn relative_log(table: &BivariateTable) -> Vec<f64> {
     let floor = (LOG_FLOOR * f64::from(median)).max(1e-30);
     let mut log = vec![0.0; CELLS];
     for c in trusted_cells() {
-        log[c] = (f64::from(values[c]) + floor).ln();
+        log[c] = (f64::from(values[c]).max(0.0) + floor).ln();
     }
     let mean = log.iter().sum::<f64>() / count as f64;
     trusted_cells().for_each(|c| log[c] -= mean);
@@ -243,12 +243,12 @@ mod tests {
     fn draws_are_mixtures_of_albedo_one() {
         let dictionary = Dictionary::new(measured(), &DictionarySettings { draws: 60, ..Default::default() });
         assert_eq!(dictionary.entries.len(), 65);
-        for (entry, place) in dictionary.entries.iter().zip(&dictionary.coordinates) {
+        for (entry, coordinates) in dictionary.entries.iter().zip(&dictionary.coordinates) {
             assert!((entry.mixture.iter().map(|(_, w)| w).sum::<f64>() - 1.0).abs() < 1e-12);
             let table = dictionary.table(entry);
             let plain = dictionary.table(&DrawnMaterial { field: None, ..entry.clone() });
             assert!((plain.normal_albedo() - 1.0).abs() < 1e-3);
-            for (a, b) in dictionary.latent_space.of(&table).iter().zip(place) {
+            for (a, b) in dictionary.latent_space.of(&table).iter().zip(coordinates) {
                 assert!((a - b).abs() < 1e-3, "{a} {b}");
             }
         }
@@ -265,14 +265,14 @@ mod tests {
         let prior = Prior { fields: 0.0, ..Prior::default() };
         let settings = DictionarySettings { draws: 40, dimensions: 6, prior, ..Default::default() };
         let dictionary = Dictionary::new(measured(), &settings);
-        let places = &dictionary.coordinates[..8];
+        let materials = &dictionary.coordinates[..8];
         let log_rms = |a: &BivariateTable, b: &BivariateTable| {
             let (a, b) = (relative_log(a), relative_log(b));
             (a.iter().zip(&b).map(|(a, b)| (a - b).powi(2)).sum::<f64>() / CELLS as f64).sqrt()
         };
-        for (at, (table, place)) in dictionary.latent_space.tables(places).iter().zip(places).enumerate() {
+        for (at, (table, coordinates)) in dictionary.latent_space.tables(materials).iter().zip(materials).enumerate() {
             // The floor of the logarithm distorts values near it.
-            for (a, b) in dictionary.latent_space.of(table).iter().zip(place) {
+            for (a, b) in dictionary.latent_space.of(table).iter().zip(coordinates) {
                 assert!((a - b).abs() < 0.1, "{at}: {a} {b}");
             }
             let error = log_rms(table, &dictionary.table(&dictionary.entries[at]));

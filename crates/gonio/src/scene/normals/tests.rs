@@ -98,6 +98,10 @@ fn a_mask_or_alpha_channel_defines_the_covered_pixels() {
     assert!(got.report.without_normal > 1000);
     let by_alpha = Picture { alpha: Some(mask), ..picture(&ball()) };
     assert_eq!(Observations::of_normals(&by_alpha, &ball(), None, &settings).unwrap(), got);
+    // An opaque alpha channel is that of a photograph without coverage.
+    let opaque = Picture { alpha: Some(Plane::from_fn(SIZE, SIZE, |_, _| 1.0)), ..picture(&ball()) };
+    let plain = Observations::of_normals(&picture(&ball()), &ball(), None, &settings).unwrap();
+    assert_eq!(Observations::of_normals(&opaque, &ball(), None, &settings).unwrap(), plain);
 }
 
 #[test]
@@ -122,7 +126,7 @@ fn rejects_faulty_maps() {
     assert!(flipped.to_string().contains("check that no axis is flipped"));
     assert_eq!(refused(&with(|_, _| Vec3::Z)), SceneError::TooFlat { directions: 1, min: 50 });
     let few = refused(&Plane::from_fn(6, 6, |_, _| Vec3::Z));
-    assert!(matches!(few, SceneError::TooFewPoints { used: 36, .. }), "{few}");
+    assert!(matches!(few, SceneError::TooFewNormals { used: 36, covered: 36, .. }), "{few}");
 }
 
 #[test]

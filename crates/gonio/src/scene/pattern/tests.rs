@@ -1,4 +1,5 @@
 use super::*;
+use crate::picture::luminance;
 use crate::scene::painted_ball::{SIZE, ball, highlights, irradiance, normal, usable};
 
 /// Paints of the tests: checkers, stripes, spots, two halves and a label.

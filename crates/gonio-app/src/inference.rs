@@ -1,12 +1,13 @@
 //! Estimates the BRDF and the light from a photograph.
 
+mod method;
+
 use std::borrow::Cow;
 use std::path::Path;
 
 use glam::Vec3;
 use gonio::estimate::{
-    ALBEDO, Alignment, Colouring, ColouringRule, Estimate, EstimateSettings, EstimateStage, KnownLightEstimate, Light,
-    MAX_MISFIT, Material, NORMAL_REFINEMENT_MISFIT, estimate_known_light, estimate_with_task, without_misleading_spots,
+    Colouring, ColouringRule, MAX_MISFIT, Material, NORMAL_REFINEMENT_MISFIT, without_misleading_spots,
 };
 use gonio::lighting::{EnvironmentMap, LightGrid, named_light};
 use gonio::model::Model;
@@ -17,17 +18,15 @@ use gonio_io::colour_space::ColourSpace;
 use gonio_io::picture::ReadOptions;
 use gonio_io::posterior::SavedPosterior;
 use gonio_io::result::ResultDocument;
-use gonio_paper::PaperSettings;
 use gonio_report::panels::{Panels, Subject};
 use gonio_report::report::{Fits, Report};
 
+use self::method::suggestions;
+pub(crate) use self::method::{MethodResult, solve};
 use crate::document;
 use crate::regions::Regions;
 use crate::scene::{LoadedScene, Observing};
-use crate::{
-    AppError, EnvironmentSource, Method, ObservedScene, ProgressLog, Scene, Settings, Source, Warning, combine, paper,
-    reference,
-};
+use crate::{AppError, ObservedScene, ProgressLog, Scene, Settings, Source, Warning, combine, reference};
 
 /// Result of an inference from one photograph.
 pub struct InferenceResult {
@@ -63,24 +62,6 @@ pub struct InferenceResult {
     pub space: ColourSpace,
     shadows: bool,
 }
-
-/// Result of a method.
-pub(crate) struct MethodResult {
-    table: BivariateTable,
-    scale: f64,
-    material: Option<Material>,
-    light: Option<LightGrid>,
-    known_light: Option<EnvironmentMap>,
-    residual: (&'static str, f64),
-    colouring: Colouring,
-    /// The sections of the method.
-    pub(crate) document: ResultDocument,
-    /// Fitted renderer models, if available.
-    fits: Option<Fits>,
-}
-
-/// Largest plausible absolute albedo at normal incidence: 1 plus a margin for measurement errors.
-const MAX_ALBEDO: f64 = 1.1;
 
 /// Model, known light and rules of an inference.
 pub(crate) struct InferenceContext<'a> {
@@ -179,7 +160,7 @@ pub(crate) fn of_one(
     if settings.method.paper().is_none() && context.model.learnt.is_some() {
         let cleaned = without_misleading_spots(&context.model, &observed.detection, scene.picture(), settings.side);
         if let Some(cleaned) = cleaned.map_err(|error| AppError::of(image, error))? {
-            warnings.extend(cleaned.scene_warnings.last().map(|odd| scene.names.warn(odd)));
+            warnings.extend(cleaned.scene_warnings.last().map(|warning| scene.names.warn(warning)));
             observed.detection = cleaned;
         }
     }
@@ -203,7 +184,7 @@ pub(crate) fn of_one(
     if let ("misfit", misfit) = found.residual
         && let Some(error) = contradiction(image, misfit).filter(|_| !observed.force)
     {
-        let suggested = remedies(&observed, settings.method.light_suggestion());
+        let suggested = suggestions(&observed, settings.method.light_suggestion());
         return Err(suggested.into_iter().fold(error, AppError::with).with(Suggestion::Force));
     }
     let found = found.scaled_by_reference(&observed, image, &mut warnings);
@@ -217,173 +198,6 @@ pub fn contradiction(image: &str, misfit: f64) -> Option<AppError> {
     let text =
         format!("the estimate does not reproduce the photograph: the misfit is {percent:.0} % (limit {most:.0} %)");
     (misfit > MAX_MISFIT).then(|| AppError::of(image, text))
-}
-
-/// Returns suggestions for a photograph that its shape and the estimate do not reproduce, the most
-/// probable first.
-fn remedies(observed: &ObservedScene, of_light: Option<Suggestion>) -> Vec<Suggestion> {
-    let of_shape = match &observed.detection.placed {
-        Some(placed) if placed.default_camera => vec![Suggestion::Camera, Suggestion::Pose],
-        Some(_) => vec![Suggestion::Pose],
-        None if observed.detection.circle().is_some() => vec![Suggestion::Outline],
-        None if matches!(observed.detection.shape, gonio::scene::DetectedShape::Outline(_)) => {
-            vec![Suggestion::Mesh, Suggestion::Normals]
-        }
-        None => Vec::new(),
-    };
-    of_light.into_iter().chain(of_shape).collect()
-}
-
-/// Estimates the BRDF of an object, and the light unless it is known.
-pub(crate) fn solve(
-    context: &InferenceContext<'_>,
-    observed: &ObservedScene,
-    (image, linear): (&str, bool),
-    settings: &Settings<'_>,
-    warnings: &mut Vec<Warning>,
-    progress_log: &ProgressLog<'_>,
-) -> Result<MethodResult, AppError> {
-    let InferenceContext { model, known_light, .. } = context;
-    let rule = &context.rule_of(observed).0;
-    let observations = &observed.detection.observations;
-    let begin = |stage: EstimateStage| progress_log.report(stage.name(), 0.0);
-    let to_error = |error: gonio::estimate::EstimateError| AppError::of(image, error);
-    match (&settings.method, known_light) {
-        (Method::KnownLight(known), Some(map)) => {
-            let found =
-                estimate_known_light(model, observations, (map, known.alignment), rule, &begin).map_err(to_error)?;
-            let known_light = Some(found.corrected(map));
-            let scale = if known.absolute { found.exposure } else { 1.0 };
-            for diagnostic in found.diagnostics() {
-                let aligns =
-                    (known.alignment != Alignment::Around).then(|| settings.method.light_suggestion()).flatten();
-                let suggested = if diagnostic.is_misfit() { remedies(observed, aligns) } else { Vec::new() };
-                warnings.push(Warning::of(image, diagnostic).with(suggested));
-            }
-            if known.absolute && scale * ALBEDO > MAX_ALBEDO {
-                let cause = match known.map {
-                    EnvironmentSource::Map(_) => "photograph and environment map do not have the same scale",
-                    EnvironmentSource::MirrorBall(_) => "the specified reflectance of the mirror ball is too high",
-                };
-                let albedo = scale * ALBEDO;
-                let text = format!(
-                    "the absolute albedo at normal incidence is {albedo:.2}, above the physical limit of 1; {cause}"
-                );
-                warnings.push(Warning::of(image, text));
-            }
-            let mut document = document::new(settings.method.name());
-            document::set_known_light(&mut document, &found, known, linear);
-            let KnownLightEstimate { material, misfit, colouring, .. } = found;
-            let table = material.table.clone();
-            let material = Some(material);
-            Ok(MethodResult {
-                table,
-                scale,
-                material,
-                light: None,
-                known_light,
-                residual: ("misfit", misfit),
-                colouring,
-                document,
-                fits: None,
-            })
-        }
-        (Method::Learnt, _) => {
-            let estimate_settings = settings.estimate(*rule);
-            let wanted = settings.pictures && settings.report;
-            let fit = |material: &Material, colouring: &Colouring| {
-                let roughness = Some(material.highlight.roughness());
-                wanted.then(|| Fits::of(&colouring.field().tables(&material.table), roughness, false))
-            };
-            let (found, fits) =
-                estimate_with_task(model, observations, &estimate_settings, &begin, fit).map_err(to_error)?;
-            Ok(MethodResult {
-                fits,
-                ..MethodResult::blind(found, (observed, image), (&estimate_settings, linear), warnings)
-            })
-        }
-        (method, known_light) => {
-            let Some(paper) = method.paper() else {
-                return Err(AppError::new("this method requires a known light; specify one, or use another method"));
-            };
-            let how = (settings, &PaperSettings { side: settings.side, ..paper.clone() });
-            let found = paper::infer((model, image), how, known_light.as_ref(), observations, warnings, progress_log)?;
-            let colouring = Colouring::of(model, observations, &found.table, rule);
-            let paper::PaperResult { table, light, noise, mut document } = found;
-            let light = light.map(|grid| grid.coloured(colouring.light()));
-            document.settings.linear = Some(linear);
-            let known_light = known_light.clone();
-            Ok(MethodResult {
-                table,
-                scale: 1.0,
-                material: None,
-                light,
-                known_light,
-                residual: ("noise", noise),
-                colouring,
-                document,
-                fits: None,
-            })
-        }
-    }
-}
-
-impl MethodResult {
-    /// Converts an estimate under unknown light; its diagnostics become warnings about the
-    /// photograph `image`. `linear` is true if integer values were read as linear radiance.
-    pub(crate) fn blind(
-        found: Estimate,
-        (observed, image): (&ObservedScene, &str),
-        (settings, linear): (&EstimateSettings, bool),
-        warnings: &mut Vec<Warning>,
-    ) -> Self {
-        for diagnostic in found.diagnostics() {
-            let suggested = if diagnostic.is_misfit() { remedies(observed, None) } else { Vec::new() };
-            warnings.push(Warning::of(image, diagnostic).with(suggested));
-        }
-        let mut document = document::new(Method::Learnt.name());
-        document::set_estimate(&mut document, &found, settings, linear);
-        let light = found.light_in_colour();
-        let Estimate { material, light: Light { misfit, .. }, colouring, .. } = found;
-        Self {
-            table: material.table.clone(),
-            scale: 1.0,
-            material: Some(material),
-            light: Some(light),
-            known_light: None,
-            residual: ("misfit", misfit),
-            colouring,
-            document,
-            fits: None,
-        }
-    }
-}
-
-impl MethodResult {
-    /// Scales the estimate by the reference in the photograph, if the reference determines a scale.
-    pub(crate) fn scaled_by_reference(
-        mut self,
-        observed: &ObservedScene,
-        image: &str,
-        warnings: &mut Vec<Warning>,
-    ) -> Self {
-        let Some(reference) = &observed.reference else { return self };
-        let scale = match (&self.light, &self.material) {
-            (Some(light), Some(_)) => reference.scale(light),
-            _ => None,
-        };
-        if let (Some(scale), Some(material)) = (scale, &self.material) {
-            warnings.extend(reference::too_bright(image, scale));
-            self.scale = scale.factor;
-            // The fits were at another scale.
-            self.fits = None;
-            let albedo = ALBEDO * scale.factor;
-            self.document.posterior = Some(document::posterior(material, albedo));
-            self.document.reflectance = document::reflectance(Some(albedo));
-        }
-        self.document.reference = Some(reference.section(scale));
-        self
-    }
 }
 
 /// Assembles the result: pictures, report and `result.json`.
@@ -404,7 +218,7 @@ pub(crate) fn assemble(
     }
     let spaces = settings.spaces;
     warnings.extend(spaces.warning(image, &colouring.field().tables(&table)));
-    let mut answer = InferenceResult {
+    let mut inferred = InferenceResult {
         caption: String::new(),
         panels: None,
         page: None,
@@ -422,33 +236,34 @@ pub(crate) fn assemble(
         residual,
         colouring,
     };
-    let absolute = answer.document.reflectance.absolute;
-    let fits = settings.pictures.then(|| answer.draw(settings.report, absolute, fits, progress_log)).flatten();
+    let absolute = inferred.document.reflectance.absolute;
+    let fits = settings.pictures.then(|| inferred.draw(settings.report, absolute, fits, progress_log)).flatten();
     let seconds = progress_log.seconds();
     let total: f64 = seconds.iter().map(|(_, seconds)| seconds).sum();
-    let (used, (residual_name, residual)) = (answer.scene.detection.observations.report.used_pixels, answer.residual);
+    let (used, (residual_name, residual)) =
+        (inferred.scene.detection.observations.report.used_pixels, inferred.residual);
     let method = settings.method.name();
-    answer.caption = format!("{method} | {used} pixels | {residual_name} {:.1} % | {total:.0} s", 100.0 * residual);
+    inferred.caption = format!("{method} | {used} pixels | {residual_name} {:.1} % | {total:.0} s", 100.0 * residual);
     let seconds = seconds.into_iter().chain([("total", total)]);
-    answer.document = ResultDocument {
+    inferred.document = ResultDocument {
         image: Some(image.to_owned()),
         model: document::model(model),
-        observations: Some(answer.scene.observations()),
-        bracket: answer.scene.photograph.bracket.clone(),
-        colour: document::colour(&answer.colouring, assumption),
-        colorspace: spaces.section(answer.scene.photograph.space.as_ref()),
-        warnings: answer.warnings.clone(),
+        observations: Some(inferred.scene.observations()),
+        bracket: inferred.scene.photograph.bracket.clone(),
+        colour: document::colour(&inferred.colouring, assumption),
+        colorspace: spaces.section(inferred.scene.photograph.space.as_ref()),
+        warnings: inferred.warnings.clone(),
         seconds: seconds.map(|(stage, seconds)| (stage.to_owned(), seconds)).collect(),
-        ..answer.document
+        ..inferred.document
     };
-    answer.page = fits.zip(answer.panels.as_ref()).map(|(fits, panels)| {
+    inferred.page = fits.zip(inferred.panels.as_ref()).map(|(fits, panels)| {
         let name = Path::new(image).file_stem().unwrap_or_default().to_string_lossy();
         // The page escapes markup, but not control characters.
         let name = name.replace(char::is_control, " ");
-        let (subject, warnings, result) = (&answer.subject(), &answer.warnings[..], &answer.document);
+        let (subject, warnings, result) = (&inferred.subject(), &inferred.warnings[..], &inferred.document);
         Report { name: &name, subject, panels, fits: &fits, warnings, result }.render()
     });
-    answer
+    inferred
 }
 
 impl InferenceResult {

@@ -58,7 +58,7 @@ pub fn of_result(
     };
     let saved = SavedPosterior::read(&folder.join(FILE))?;
     let drawn = predictive_draws(model, &saved.likelihood, count, seed).map_err(|_| {
-        let problem = format!("was inferred with another model than {model_name}; specify that model");
+        let problem = format!("was inferred with another model than {model_name}; specify the model of the inference");
         DrawsError::OtherModel(AppError::of(name, problem))
     })?;
     let table = read_brdf(&file)?;

@@ -57,10 +57,12 @@ pub fn default_output(image: &Path) -> PathBuf {
     image.with_file_name(name)
 }
 
-/// Whether results in `dir` could overwrite this input file.
+/// Whether results in `dir` could overwrite or remove this input file.
 pub fn would_replace(dir: &Path, file: &Path) -> bool {
+    let mut earlier = Vec::new();
+    results_in(dir, Path::new(""), &mut earlier);
     let same = |a: &Path, b: &Path| fs::canonicalize(a).ok().zip(fs::canonicalize(b).ok()).is_some_and(|(a, b)| a == b);
-    names().any(|name| same(&dir.join(name), file))
+    names().map(PathBuf::from).chain(earlier).any(|name| same(&dir.join(name), file))
 }
 
 /// Adds the files that gonio wrote in a folder of results to `ours`. `within` is the path of `dir`

@@ -32,7 +32,7 @@ pub(crate) fn inpaint_ball(picture: &Picture, circle: &Circle) -> Picture {
             };
         }
     }
-    erased.alpha = picture.alpha.as_ref().map(|alpha| {
+    erased.alpha = picture.varying_alpha().map(|alpha| {
         Plane::from_fn(width, height, |x, y| {
             let is_erased = (x as f64 + 0.5 - circle.x).hypot(y as f64 + 0.5 - circle.y) < radius;
             if is_erased { 0.0 } else { alpha[(x, y)] }
@@ -78,7 +78,9 @@ mod tests {
     #[test]
     fn pixels_beside_the_erased_ball_do_not_change() {
         let (picture, mirror, _) = two_balls(|x| 0.02 + 0.0001 * x as f32);
-        let alpha = Some(picture.rgb.map(|_| 1.0));
+        let opaque = Picture { alpha: Some(picture.rgb.map(|_| 1.0)), ..picture.clone() };
+        assert_eq!(inpaint_ball(&opaque, &mirror).alpha, None);
+        let alpha = Some(Plane::from_fn(250, 128, |x, _| if x < 249 { 1.0 } else { 0.5 }));
         let erased = inpaint_ball(&Picture { alpha, ..picture.clone() }, &mirror);
         for y in 0..128 {
             for x in 0..250 {

@@ -277,8 +277,8 @@ fn flatten(
     clip: Option<f32>,
 ) -> Result<Option<f32>, AppError> {
     // The colour space also determines the curve of integer codes.
-    let Reading { linear, colour_space, .. } = *reading;
-    let options = ReadOptions { linear, colour_space, ..ReadOptions::default() };
+    let linear = reading.linear || reading.response == Some(Curve::Linear);
+    let options = ReadOptions { linear, colour_space: reading.colour_space, ..ReadOptions::default() };
     let mut flat = picture::read_unconverted(path, &options)?;
     if flat.needs_table() {
         let problem = "the ICC profile of the flat field contains a lookup table; convert the image to a linear colour \

@@ -16,13 +16,15 @@ pub type SuggestionFormatter<'a> = &'a dyn Fn(&Suggestion) -> Option<String>;
 pub struct AppError {
     text: String,
     suggestions: Vec<Suggestion>,
+    /// Whether suggestions of circles apply to the shape.
+    takes_circle: bool,
     io: Option<ErrorKind>,
 }
 
 impl AppError {
     /// Creates an error with a text.
     pub fn new(text: impl Into<String>) -> Self {
-        Self { text: text.into(), suggestions: Vec::new(), io: None }
+        Self { text: text.into(), suggestions: Vec::new(), takes_circle: true, io: None }
     }
 
     /// Creates an error about a named input.
@@ -35,15 +37,11 @@ impl AppError {
         Self { suggestions: error.suggestions(), ..Self::of(name, error) }
     }
 
-    /// Suggests a mask instead of a circle.
+    /// Sets whether the shape is one whose outline the user can specify as a circle; if not, the
+    /// error suggests no circle.
     #[must_use]
-    pub(crate) fn without_circles(mut self) -> Self {
-        let all = self.suggestions.len();
-        self.suggestions.retain(|suggestion| !matches!(suggestion, Suggestion::Outline | Suggestion::OneOf(_)));
-        if self.suggestions.len() < all && !self.suggestions.contains(&Suggestion::Mask) {
-            self.suggestions.push(Suggestion::Mask);
-        }
-        self
+    pub(crate) fn for_shape(self, takes_circle: bool) -> Self {
+        Self { takes_circle, ..self }
     }
 
     /// Creates an error about a bracket, with its suggestions.
@@ -81,7 +79,10 @@ impl AppError {
 
     /// Returns the error in one line, with the suggestions of a front end.
     pub fn worded(&self, words: SuggestionFormatter<'_>) -> String {
-        worded(&self.text, &self.suggestions, words)
+        let is_circle =
+            |it: &Suggestion| matches!(it, Suggestion::Outline | Suggestion::SecondOutline | Suggestion::OneOf(_));
+        let apply = |it: &&Suggestion| self.takes_circle || !is_circle(it);
+        worded(&self.text, &self.suggestions.iter().filter(apply).cloned().collect::<Vec<_>>(), words)
     }
 }
 
@@ -97,9 +98,9 @@ impl std::error::Error for AppError {}
 impl From<gonio_io::Error> for AppError {
     fn from(error: gonio_io::Error) -> Self {
         Self {
-            text: error.to_string(),
             suggestions: error.suggestion().cloned().into_iter().collect(),
             io: error.io_kind(),
+            ..Self::new(error.to_string())
         }
     }
 }

@@ -176,7 +176,8 @@ impl LoadedScene {
         }
         let given = (names.image.as_str(), picture, *clip);
         let measure = |reference: &Reference| reference.measure(given, &detection, warnings);
-        let reference = self.reference.as_ref().map(measure).transpose()?;
+        let reference = self.reference.as_ref().map(measure).transpose();
+        let reference = reference.map_err(|error| error.for_shape(names.takes_circle))?;
         Ok(ObservedScene {
             photograph: self.photograph.clone(),
             detection,
@@ -250,6 +251,11 @@ impl InputNames {
         }
     }
 
+    /// Whether the shape is a ball, whose outline the user can specify.
+    pub(crate) fn takes_circle(&self) -> bool {
+        self.takes_circle
+    }
+
     /// Returns the names for a region, whose mask is not a file.
     fn of_region(&self) -> Self {
         Self { mask: Some(UNNAMED_MASK.to_owned()), ..self.clone() }
@@ -267,8 +273,7 @@ impl InputNames {
 
     /// Returns the error, with the faulty input.
     fn to_error(&self, error: &SceneError) -> AppError {
-        let error = AppError::of_scene(self.origin(error), error);
-        if self.takes_circle { error } else { error.without_circles() }
+        AppError::of_scene(self.origin(error), error).for_shape(self.takes_circle)
     }
 
     /// Returns the name of the faulty input.

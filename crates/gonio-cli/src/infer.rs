@@ -321,29 +321,32 @@ impl InferOptions {
     /// Returns the folder of results: the specified one, or the default beside the photograph.
     fn folder(&self) -> Result<PathBuf> {
         let image = self.scene.image();
-        let Some(output) = &self.output else {
-            if input::is_stdin(&image) {
+        let output = match &self.output {
+            Some(output) => output.clone(),
+            None if input::is_stdin(&image) => {
                 bail!("standard input has no default folder for the results; specify one with -o DIR");
             }
-            let output = default_output(&image);
-            if output.exists() && !holds_results(&output) {
-                bail!(
-                    "{}: exists and does not contain results of gonio infer; specify another folder with -o DIR",
-                    output.display()
-                );
+            None => {
+                let output = default_output(&image);
+                if output.exists() && !holds_results(&output) {
+                    bail!(
+                        "{}: exists and does not contain results of gonio infer; specify another folder with -o DIR",
+                        output.display()
+                    );
+                }
+                output
             }
-            return Ok(output);
         };
         let mut inputs = self.scene.input_files();
         inputs.extend(self.light.iter().chain(&self.model));
-        if let Some(input) = inputs.into_iter().find(|input| would_replace(output, input)) {
+        if let Some(input) = inputs.into_iter().find(|input| would_replace(&output, input)) {
             bail!(
                 "{}: results in {} would overwrite this input; specify another folder",
                 input.display(),
                 output.display()
             );
         }
-        Ok(output.clone())
+        Ok(output)
     }
 }
 

@@ -199,7 +199,7 @@ impl GivenRegions<'_> {
 }
 
 /// Infers several materials under one light. Returns the name of each region with the values of a
-/// `Posterior` by name.
+/// `Posterior` by name, and the warnings about the whole photograph.
 #[pyfunction]
 pub(crate) fn infer_regions<'py>(
     py: Python<'py>,
@@ -208,13 +208,13 @@ pub(crate) fn infer_regions<'py>(
     settings: InferSettings<'py>,
     model: &Bound<'py, Model>,
     listeners: Listeners,
-) -> PyResult<Vec<(String, Bound<'py, PyDict>)>> {
+) -> PyResult<(Vec<(String, Bound<'py, PyDict>)>, Vec<String>)> {
     let (scene, regions) = (scene.take()?, regions.take()?);
     let several = work_on(py, settings, model, listeners, move |model, settings, progress_log| {
         regions::infer_regions(model, scene, &regions, settings, progress_log)
     })?;
-    let spelt = several.regions.into_iter().map(|region| Ok((region.name, result_dict(py, region.result, model)?)));
-    spelt.collect()
+    let named = several.regions.into_iter().map(|region| Ok((region.name, result_dict(py, region.result, model)?)));
+    Ok((named.collect::<PyResult<_>>()?, several.document.warnings))
 }
 
 /// Returns all pictures by name: those of a result folder and the panels that they consist of.

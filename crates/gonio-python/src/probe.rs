@@ -19,7 +19,7 @@ pub(crate) struct ProbeSettings {
 }
 
 /// Light, observed fraction of each texel, picture, document and warnings. The light has the shape
-/// (rows, 2 rows, 3), the fraction (rows, 2 rows); the picture has 8-bit samples, the document are
+/// (rows, 2 rows, 3), the fraction (rows, 2 rows); the picture has 8-bit samples, the document is
 /// JSON.
 type Probe<'py> = (Bound<'py, PyArray3<f32>>, Bound<'py, PyArray2<f32>>, Bound<'py, PyArray3<u8>>, String, Vec<String>);
 

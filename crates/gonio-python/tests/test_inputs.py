@@ -89,6 +89,13 @@ def test_accepts_pil_images(small):
     assert list(gonio.infer_regions(small[..., :3], labels, **QUICK)) == ["1"]
 
 
+def test_regions_warn_of_the_photograph(small, tmp_path):
+    file = tmp_path / "ball.png"
+    Image.fromarray(gonio.tonemapped(small[..., :3])).save(file)
+    with pytest.warns(gonio.GonioWarning, match="8-bit image, decoded as sRGB"):
+        gonio.infer_regions(file, np.uint8(small[..., 3] > 0.5), **QUICK)
+
+
 def test_accepts_bytes_and_open_files(ball, found):
     data = ball.read_bytes()
     assert same(gonio.infer(data, pictures=False), found)

@@ -40,9 +40,13 @@ impl InitialPosterior<'_> {
     /// Coordinates of the earlier candidates along the new axes.
     fn coordinates(&self) -> Vec<f32> {
         let Self { posterior, latent_space } = self;
-        let old: Vec<Vec<f64>> =
-            posterior.prior.coordinates.iter().map(|z| z.iter().map(|z| f64::from(*z)).collect()).collect();
-        let new = old.chunks(TABLES_AT_A_TIME).flat_map(|places| posterior.latent_space.tables(places));
+        let old: Vec<Vec<f64>> = posterior
+            .prior
+            .coordinates
+            .iter()
+            .map(|coordinates| coordinates.iter().map(|z| f64::from(*z)).collect())
+            .collect();
+        let new = old.chunks(TABLES_AT_A_TIME).flat_map(|materials| posterior.latent_space.tables(materials));
         new.flat_map(|table| latent_space.of(&table)).map(|z| z as f32).collect()
     }
 

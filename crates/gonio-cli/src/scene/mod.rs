@@ -108,7 +108,7 @@ impl SceneOptions {
         self.images.first().cloned().unwrap_or_default()
     }
 
-    /// Returns the paths of all input files.
+    /// Returns the paths of all input pictures and of the files of the shape.
     pub(crate) fn input_files(&self) -> Vec<&PathBuf> {
         let options = [&self.mask, &self.regions, &self.normals, self.reading.flat(), self.reference.grey_card()];
         let shape = self.normal_options.files().into_iter().chain(self.surface.files());

@@ -4,7 +4,7 @@ use glam::Vec3;
 use gonio::picture::{Picture, Plane};
 use gonio_io::picture::encode_png;
 
-use crate::support::{Bench, SIZE, WITH_PAGES, ball, exr};
+use crate::support::{Bench, SIZE, WITH_PAGES, ball, exr, mask};
 
 /// Returns two copies of the ball side by side; the right one is 0.4 times as bright.
 fn two_balls() -> Picture {
@@ -51,10 +51,14 @@ fn separates_balls_that_do_not_touch() {
 fn labels_name_the_regions() {
     let bench = Bench::with_ball();
     bench.write("labels.png", &labels(SIZE, SIZE));
-    bench.run_with("infer ball.exr -o out --grid 8 --regions labels.png", &WITH_PAGES).succeeds();
+    bench.write("mask.png", &mask(SIZE / 2));
+    let line = "infer ball.exr -o out --grid 8 --regions labels.png --mask mask.png";
+    let run = bench.run_with(line, &WITH_PAGES).succeeds();
     assert_eq!(bench.names("out"), ["00ff00", "ff0000", "materials.png", "report.html", "result.json"]);
     let page = String::from_utf8(bench.read("out/report.html")).unwrap();
     assert!(page.contains("./ff0000/report.html"));
+    // Warnings about the whole photograph.
+    assert!(run.stderr.contains("gonio scales the mask") && page.contains("gonio scales the mask"), "{run:?}");
 }
 
 #[test]

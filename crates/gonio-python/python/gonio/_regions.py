@@ -90,8 +90,9 @@ def infer_regions(
     if given["keep_colors"]:
         raise GonioError("keep_colors applies to photographs of one material; with regions, gonio uses all colours")
     scene, settings, model, messages = prepared(given)
-    found = _gonio.infer_regions(scene, places, settings, model, {"progress": given["progress"], "poll": None})
+    found, of_photograph = _gonio.infer_regions(scene, places, settings, model, {"progress": given["progress"], "poll": None})
     out = {name: Posterior(values, f"{stem_of(image)}-{name}") for name, values in found}
-    for message in messages + [f"region {name}: {message}" for name, posterior in out.items() for message in posterior.warnings]:
+    of_regions = [f"region {name}: {message}" for name, posterior in out.items() for message in posterior.warnings]
+    for message in messages + of_photograph + of_regions:
         warnings.warn(message, GonioWarning, stacklevel=2)
     return out

@@ -187,8 +187,8 @@ impl<'a> View<'a> {
                 normal: h.normal,
             })
         };
-        let lookouts: Vec<VisibilityPoint> = points.iter().enumerate().map(viewpoint).collect();
-        Some(Visibility::trace(placed.surface.as_ref(), &lookouts, OctahedralMap::EqualArea, SHADOWS, &|_| ()))
+        let viewpoints: Vec<VisibilityPoint> = points.iter().enumerate().map(viewpoint).collect();
+        Some(Visibility::trace(placed.surface.as_ref(), &viewpoints, OctahedralMap::EqualArea, SHADOWS, &|_| ()))
     }
 
     /// Renders the object with this material in the frame.

@@ -22,12 +22,12 @@ fn prior() -> LightPrior {
 }
 
 /// Light of lamps and sky; `tint` maps a direction to the tints of red and blue.
-fn planted(chroma: impl Fn(DVec3) -> [f64; 2]) -> LightGrid {
+fn planted(tint: impl Fn(DVec3) -> [f64; 2]) -> LightGrid {
     let texel = |t: usize| {
         let (u, v) = LightGrid::centre_of(FINE, t);
         let d = MAP.direction(u, v);
         let brightness = if d.y > 0.6 { 6.0 } else { 1.0 + 0.5 * d.x };
-        let [red, blue] = chroma(d);
+        let [red, blue] = tint(d);
         let (y, one) = ([0, 1, 2].map(|c| f64::from(luminance(Vec3::AXES[c]))), brightness);
         let green = 1.0 - (y[0] * red + y[2] * blue) / y[1];
         (one * DVec3::new(1.0 + red, green, 1.0 + blue)).as_vec3()

@@ -117,14 +117,14 @@ impl<'a> PriorMaterials<'a> {
     ///
     /// # Panics
     /// If there are no materials.
-    pub fn of(coordinates: &'a LatentSpace, materials: &[Vec<f64>]) -> Self {
+    pub fn of(latent_space: &'a LatentSpace, materials: &[Vec<f64>]) -> Self {
         assert!(!materials.is_empty(), "at least one material is required");
         let some = |most: usize| -> Vec<Vec<f64>> {
             materials.iter().step_by(materials.len().div_ceil(most)).cloned().collect()
         };
         let starts = some(STARTS);
-        let (tables, examples) = (coordinates.tables(&starts), coordinates.tables(&some(EXAMPLES)));
-        Self { latent_space: coordinates, starts, tables, examples }
+        let (tables, examples) = (latent_space.tables(&starts), latent_space.tables(&some(EXAMPLES)));
+        Self { latent_space, starts, tables, examples }
     }
 
     /// Returns the coordinates of the prior.

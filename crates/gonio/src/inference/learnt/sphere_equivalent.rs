@@ -95,7 +95,7 @@ pub fn to_sphere_equivalent(
         let log = |p: &Prediction| {
             // In complete shadow, the largest ratio also gives the point a small weight.
             let ratio = p.on_sphere / p.shadowed.max(f64::MIN_POSITIVE);
-            if p.on_sphere > 0.0 { ratio.clamp(1.0 / MAX_RATIO, MAX_RATIO).ln() } else { 0.0 }
+            if p.on_sphere > 0.0 || p.shadowed > 0.0 { ratio.clamp(1.0 / MAX_RATIO, MAX_RATIO).ln() } else { 0.0 }
         };
         let logs: Vec<f64> = predictions.iter().map(log).collect();
         // A large factor also amplifies the noise. Where most light passes the edge of a shadow,

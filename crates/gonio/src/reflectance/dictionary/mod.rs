@@ -122,7 +122,7 @@ impl LatentSpace {
     /// Cells beyond the trusted ones have the value of the nearest trusted cell.
     ///
     /// # Panics
-    /// If a material does not have a number for each axis.
+    /// If the coordinates of a material do not have a number for each axis.
     pub fn tables(&self, materials: &[Vec<f64>]) -> Vec<BivariateTable> {
         let directions = self.directions();
         let table = |coordinates: &Vec<f64>| {

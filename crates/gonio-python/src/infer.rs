@@ -198,6 +198,9 @@ impl GivenRegions<'_> {
     }
 }
 
+/// Name and values of the posterior of each region.
+type NamedPosteriors<'py> = Vec<(String, Bound<'py, PyDict>)>;
+
 /// Infers several materials under one light. Returns the name of each region with the values of a
 /// `Posterior` by name, and the warnings about the whole photograph.
 #[pyfunction]
@@ -208,7 +211,7 @@ pub(crate) fn infer_regions<'py>(
     settings: InferSettings<'py>,
     model: &Bound<'py, Model>,
     listeners: Listeners,
-) -> PyResult<(Vec<(String, Bound<'py, PyDict>)>, Vec<String>)> {
+) -> PyResult<(NamedPosteriors<'py>, Vec<String>)> {
     let (scene, regions) = (scene.take()?, regions.take()?);
     let several = work_on(py, settings, model, listeners, move |model, settings, progress_log| {
         regions::infer_regions(model, scene, &regions, settings, progress_log)

@@ -191,22 +191,20 @@ pub(crate) fn region_masks(scene: &LoadedScene, regions: &Regions) -> Result<Vec
     let size = picture.rgb.size();
     let ball = |at: usize, mask: Plane<f32>, object| RegionMask { name: (at + 1).to_string(), mask, object };
     match regions {
+        Regions::Labels(_) if matches!(scene.object, Object::Outline) => Err(AppError::new(
+            "an outline cannot be inflated for each region; specify the shape of the object by normals or a mesh",
+        )),
         Regions::Labels(source) => {
             let inside = mask.or(picture.varying_alpha());
+            let labels = read_labels(source, size, name)?;
             // All regions of a ball share its outline.
             let object = match &scene.object {
                 Object::Sphere(None) => {
                     let outline = outline_of_ball(picture, mask);
                     Object::Sphere(Some(outline.map_err(|error| AppError::of_scene(name, &error))?.0))
                 }
-                Object::Outline => {
-                    return Err(AppError::new(
-                        "an outline cannot be inflated for each region; specify the shape of the object by normals or a mesh",
-                    ));
-                }
                 object => object.clone(),
             };
-            let labels = read_labels(source, size, name)?;
             let part = |(name, own): (String, Plane<bool>)| {
                 let mask = Plane::from_fn(size.0, size.1, |x, y| {
                     if own[(x, y)] { inside.map_or(1.0, |mask| mask[(x, y)]) } else { 0.0 }

@@ -285,7 +285,7 @@ fn flatten(
                        space";
         return Err(AppError::of(path.display(), problem));
     }
-    // Codes of another range are not those of the same sensor.
+    // Another range of codes indicates another sensor, whose black level is unknown.
     if let (Some(code), Some(max)) = (reading.black_level, max.filter(|_| max == largest_code(flat.encoding))) {
         subtract_black(&mut flat, black_share(code, max)?);
     }

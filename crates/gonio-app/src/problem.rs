@@ -37,7 +37,7 @@ impl AppError {
         Self { suggestions: error.suggestions(), ..Self::of(name, error) }
     }
 
-    /// Sets whether the shape is one whose outline the user can specify as a circle; if not, the
+    /// Sets whether the outline of the shape is a circle that the user can specify. If not, the
     /// error suggests no circle.
     #[must_use]
     pub(crate) fn for_shape(self, takes_circle: bool) -> Self {

@@ -1,4 +1,4 @@
-//! Observation of an object on which the shape is known, for each kind of shape.
+//! Observations of an object, for each kind of shape.
 
 use std::sync::Arc;
 

@@ -138,7 +138,7 @@ impl ObservedBall {
                 ProbeError::Scene(scene) => AppError::of(names.origin(scene), &error),
                 _ => AppError::of(&name, &error),
             };
-            let problem = problem.for_shape(names.takes_circle());
+            let problem = problem.for_shape(names.takes_circle);
             error.suggestions().into_iter().map(suggestion).fold(problem, AppError::with)
         })?;
         Ok(Self { name, view, bracket, space })

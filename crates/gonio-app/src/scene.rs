@@ -236,7 +236,7 @@ pub(crate) struct InputNames {
     /// The depth or position map.
     positions: Option<String>,
     /// Whether the shape is a ball, whose outline the user can specify.
-    takes_circle: bool,
+    pub(crate) takes_circle: bool,
 }
 
 impl InputNames {
@@ -249,11 +249,6 @@ impl InputNames {
             positions: shape.positions_name(),
             takes_circle: matches!(shape.kind, crate::ShapeKind::Sphere(_)) && shape.camera.is_none(),
         }
-    }
-
-    /// Whether the shape is a ball, whose outline the user can specify.
-    pub(crate) fn takes_circle(&self) -> bool {
-        self.takes_circle
     }
 
     /// Returns the names for a region, whose mask is not a file.

@@ -133,22 +133,25 @@ pub const DRAWS: usize = 16;
 impl Export {
     /// Writes the targets and `export.json` into a folder, which the caller commits, and returns
     /// the contents of `export.json`. `input` is the source of the BRDF; `progress` receives a
-    /// fraction in 0..=1. Returns `None` if the BRDF is zero at normal incidence.
+    /// fraction in 0..=1.
     ///
     /// # Errors
-    /// If a file cannot be written.
+    /// If the BRDF is zero at normal incidence, or if a file cannot be written.
     pub fn write(
         self,
         folder: &StagedFolder,
         targets: &[Target],
         input: &str,
         progress: &dyn Fn(f64),
-    ) -> Result<Option<ExportDocument>, Error> {
+    ) -> Result<ExportDocument, AppError> {
         let Self { name, mut tables, full_table: whole, light, space, albedo, absolute, roughness, with_tables, draws } =
             self;
         let measured = BivariateTable::luminance(&tables).normal_albedo();
         if !(measured > 0.0 && measured.is_finite()) {
-            return Ok(None);
+            return Err(AppError::of(
+                input,
+                "cannot be exported, because the BRDF is zero at normal incidence; use another BRDF",
+            ));
         }
         let mut fitter = Fitter::new(&tables);
         if let Some(interval) = roughness {
@@ -200,7 +203,7 @@ impl Export {
             warnings: writer.warnings,
         };
         folder.write(SUMMARY, result::encode(&summary).as_bytes())?;
-        Ok(Some(summary))
+        Ok(summary)
     }
 }
 

@@ -7,10 +7,12 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use gonio::suggestion::Suggestion;
 use gonio_io::atomic::StagedFolder;
 use gonio_io::result::{ExportDocument, region_folders};
 use gonio_io::{Error, json};
 
+use crate::AppError;
 use crate::export::SUMMARY;
 use crate::results::{RESULT, names};
 
@@ -31,9 +33,15 @@ pub fn for_results(dir: impl AsRef<Path>) -> Result<StagedFolder, Error> {
 /// Prepares a folder for new exports, which replace earlier exports on commit.
 ///
 /// # Errors
-/// See [`StagedFolder::create`].
-pub fn for_exports(dir: impl AsRef<Path>) -> Result<StagedFolder, Error> {
-    replacing(dir.as_ref(), exports_in)
+/// If the folder contains results, because an export has files of the same names; see also
+/// [`StagedFolder::create`].
+pub fn for_exports(dir: impl AsRef<Path>) -> Result<StagedFolder, AppError> {
+    let dir = dir.as_ref();
+    if holds_results(dir) {
+        let problem = "contains results of gonio infer, whose light the export would replace";
+        return Err(AppError::of(dir.display(), problem).with(Suggestion::OtherFolder));
+    }
+    Ok(replacing(dir, exports_in)?)
 }
 
 /// Prepares a folder; a commit removes the files that `find` lists.

@@ -10,7 +10,7 @@ use gonio::reflectance::BivariateTable;
 use gonio_app::Spaces;
 use gonio_app::draws::{self, DrawsError};
 use gonio_app::export::{DRAWS, Export, Target, is_absolute, light_of_results, roughness_of_results};
-use gonio_app::folder::{EXPORT, for_exports, holds_results};
+use gonio_app::folder::{EXPORT, for_exports};
 use gonio_app::results::{BRDF, brdf_in, regions_in};
 use gonio_io::posterior::FILE;
 use gonio_io::result::ExportEntry;
@@ -105,12 +105,6 @@ pub(crate) fn run(options: &ExportOptions) -> Result<Outcome> {
         None if is_folder => options.input.join(EXPORT),
         None => bail!("a BRDF file has no default output folder; specify one with -o DIR"),
     };
-    if holds_results(&output) {
-        bail!(
-            "{}: contains results of gonio infer, whose light the export would replace; specify another folder with -o DIR",
-            output.display()
-        );
-    }
     let named = options.name.clone().or_else(|| {
         let of = if is_folder { options.input.file_name() } else { file.file_stem() };
         of.map(|name| name.to_string_lossy().into_owned())
@@ -118,7 +112,7 @@ pub(crate) fn run(options: &ExportOptions) -> Result<Outcome> {
     let name = named.filter(|n| !n.is_empty()).unwrap_or_else(|| "gonio".to_owned());
     let table = input::brdf(&file)?;
     let light = if is_folder { light_of_results(&options.input).map_err(plain)? } else { None };
-    let folder = for_exports(&output)?;
+    let folder = for_exports(&output).map_err(plain)?;
     let targets = wanted(options);
     let colours = [0, 1, 2].map(|c| table.bivariate(c));
     let (draws, undrawn) = drawn(options, is_folder)?;
@@ -135,11 +129,9 @@ pub(crate) fn run(options: &ExportOptions) -> Result<Outcome> {
         draws,
     };
     let stage = StageProgress::new("fitting models");
-    let written = export.write(&folder, &targets, &options.input.display().to_string(), &|x| stage.report(x))?;
+    let input = options.input.display().to_string();
+    let summary = export.write(&folder, &targets, &input, &|x| stage.report(x)).map_err(plain)?;
     stage.finish();
-    let Some(summary) = written else {
-        bail!("{}: cannot be exported, because the BRDF is zero at normal incidence; use another BRDF", file.display())
-    };
     let warnings: Vec<String> = Spaces { input: None, output: options.space.space() }
         .warning(&file.display().to_string(), &colours)
         .iter()

@@ -38,6 +38,7 @@ pub(crate) fn words(suggestion: &Suggestion) -> Option<String> {
         Suggestion::SecondAzimuth => "specify the angle with --second-azimuth DEGREES",
         Suggestion::SecondOutline => "specify the outline of the ball with --second-circle X,Y,RADIUS",
         Suggestion::SecondMask => "specify a mask with --second-mask FILE",
+        Suggestion::OtherFolder => "specify another folder with -o DIR",
         Suggestion::LearnPosterior => {
             "train one with `gonio train posterior` and add it with `gonio train model --posterior`, or use another --method"
         }

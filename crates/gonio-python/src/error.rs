@@ -55,6 +55,7 @@ pub(crate) fn words(suggestion: &Suggestion) -> Option<String> {
         Suggestion::SecondAzimuth => "specify the angle with second_azimuth=DEGREES",
         Suggestion::SecondOutline => "specify the outline of the ball with second_circle=(x, y, radius)",
         Suggestion::SecondMask => "specify a mask with second_mask=",
+        Suggestion::OtherFolder => "use another folder",
         Suggestion::LearnPosterior => {
             "train one with train_posterior and add it with train_model, or use another method="
         }

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use gonio::lighting::EnvironmentMap;
 use gonio_app::AppError;
 use gonio_app::export::{Export, Target};
-use gonio_app::folder::{for_exports, holds_results};
+use gonio_app::folder::for_exports;
 use gonio_io::colour_space::ColourSpace;
 use gonio_io::result;
 use numpy::{PyArray3, PyArray4};
@@ -74,19 +74,8 @@ pub(crate) fn export(
         draws,
     };
     work::run(py, listeners, move |reporter| {
-        if holds_results(&folder) {
-            let problem = "contains results, whose light the export would replace; use another folder";
-            return Err(AppError::of(folder.display(), problem));
-        }
         let folder = for_exports(&folder)?;
-        let written = export.write(&folder, &targets, &input, &|x| reporter.at("fitting models", x))?;
-        let Some(summary) = written else {
-            return Err(AppError::of(
-                input,
-                "the BRDF is zero at normal incidence; it \
-            cannot be exported",
-            ));
-        };
+        let summary = export.write(&folder, &targets, &input, &|x| reporter.at("fitting models", x))?;
         folder.commit()?;
         Ok(result::encode(&summary))
     })

@@ -48,7 +48,7 @@ mod _gonio {
     #[pymodule_export]
     use super::render::{eval, highlights, normal_albedo, render, studio};
     #[pymodule_export]
-    use super::train::{join, train_lighting, train_posterior, train_reflectance};
+    use super::train::{join, train_colours, train_lighting, train_posterior, train_reflectance};
     #[pymodule_export]
     use super::work::set_threads;
     use super::*;

@@ -198,6 +198,24 @@ pub(crate) fn train_posterior(
     Ok((PyBytes::new(py, &bytes).unbind(), provenance))
 }
 
+/// Learns the colour model of a model anew.
+#[pyfunction]
+pub(crate) fn train_colours(
+    py: Python<'_>,
+    model: Py<Model>,
+    lights: GivenLights<'_>,
+    materials: GivenMaterials<'_>,
+    listeners: Listeners,
+) -> PyResult<Model> {
+    let (lights, materials) = (lights.take()?, materials.take()?);
+    let recoloured = work::run(py, listeners, move |reporter| {
+        let mut model = (*model.get().model).clone();
+        training::recolour(&mut model, &lights, &[materials], &|stage, x| reporter.at(stage, x))?;
+        Ok(model)
+    })?;
+    Ok(Model::learnt(Arc::new(recoloured)))
+}
+
 /// Bytes of a part of a model, and its name in messages.
 type GivenPart = Option<(Vec<u8>, String)>;
 

@@ -43,6 +43,12 @@ def test_a_trained_model_can_be_used(small, tmp_path):
     assert gonio.train_model(posterior=posterior).largest_grid == gonio.Model.embedded().largest_grid
     again = gonio.train_posterior(lights()[:1], materials(), views=1, draws=2, steps=1, initial=model)
     assert again.provenance.endswith(f"from the network of: {posterior.provenance}")
+    recoloured = gonio.train_colours(lights()[:2], materials(), model=model)
+    assert recoloured.provenance != model.provenance
+    assert recoloured.provenance.endswith("from 3 materials in 2 maps")
+    assert gonio.infer(small, model=recoloured, grid=8, pictures=False, force=True).result["model"]["provenance"] == recoloured.provenance
+    with pytest.raises(gonio.GonioError, match="model: has no posterior of materials, which the colour model requires"):
+        gonio.train_colours(lights()[:1], materials(), model=gonio.train_model(lighting, basis))
     with pytest.raises(gonio.GonioError, match="the model: has no posterior of materials"):
         gonio.infer(small, model=gonio.train_model(lighting, basis), grid=8, pictures=False)
 

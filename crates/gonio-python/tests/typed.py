@@ -38,5 +38,6 @@ def use(image: NDArray[np.float32], path: Path) -> NDArray[np.float32]:
     probe: gonio.LightProbe = gonio.light_probe(image, circle=(60, 60, 50), second=path, reflectance=(0.9, 0.8, 0.5))
     probe.write(path / "probe.exr")
     model: gonio.Model = gonio.train_model(gonio.train_lighting(path), gonio.train_reflectance({"a": found.brdf}))
+    model = gonio.train_colours(path, {"a": found.brdf}, model=model)
     model.write(str(path))
     return found.relight(probe.light, shape="bunny", size=(64, 48))

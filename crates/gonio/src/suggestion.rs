@@ -66,6 +66,8 @@ pub enum Suggestion {
     ReferenceColourOnly,
     /// Pass one photograph at a time.
     Separately,
+    /// Write to another folder.
+    OtherFolder,
     /// Train a posterior of materials and add it to the model.
     LearnPosterior,
 }

@@ -37,7 +37,7 @@ from ._regions import infer_regions
 from ._render import studio_light
 from ._show import tonemapped
 from ._tables import read_brdf, read_merl, write_merl
-from ._train import ModelPart, train_lighting, train_model, train_posterior, train_reflectance
+from ._train import ModelPart, train_colours, train_lighting, train_model, train_posterior, train_reflectance
 
 __all__ = [
     "EXPORTS",
@@ -79,6 +79,7 @@ __all__ = [
     "set_threads",
     "studio_light",
     "tonemapped",
+    "train_colours",
     "train_lighting",
     "train_model",
     "train_posterior",

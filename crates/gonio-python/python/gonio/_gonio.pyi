@@ -132,6 +132,9 @@ def train_reflectance(
 def train_posterior(
     lights: str | list[_Floats], materials: str | list[tuple[str, _Floats]], options: PosteriorOptions, listeners: Listeners
 ) -> tuple[bytes, str]: ...
+def train_colours(
+    model: Model, lights: str | list[_Floats], materials: str | list[tuple[str, _Floats]], listeners: Listeners
+) -> Model: ...
 def join(
     lighting: tuple[bytes, str] | None, reflectance: tuple[bytes, str] | None, posterior: tuple[bytes, str] | None
 ) -> Model: ...

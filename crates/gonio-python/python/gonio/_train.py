@@ -219,6 +219,40 @@ def train_posterior(
     return ModelPart("posterior", provenance, data)
 
 
+def train_colours(
+    lights: Lights,
+    materials: Materials,
+    *,
+    model: Model | None = None,
+    progress: Progress | None = None,
+) -> Model:
+    """Train only the colour model of an existing model.
+
+    The colour model describes the differences between the channels of a material, the errors with
+    which the network estimates these differences, and the chroma of lights.
+
+    Parameters
+    ----------
+    lights, materials
+        See :func:`train_lighting` and :func:`train_reflectance`.
+    model : Model, optional
+        Model with a posterior of materials. The default is the embedded model.
+    progress : callable, optional
+        Called with the name of a stage and its completed fraction.
+
+    Returns
+    -------
+    Model
+        The model with the new colour model, for :func:`gonio.infer`.
+
+    Examples
+    --------
+    >>> model = gonio.train_colours("lights/", "materials/")  # doctest: +SKIP
+    """
+    given = Model.embedded() if model is None else model
+    return _gonio.train_colours(given, _lights(lights), _materials(materials), _listeners(progress))
+
+
 def train_model(
     lighting: ModelPart | Path | None = None,
     reflectance: ModelPart | Path | None = None,

@@ -1,13 +1,10 @@
 //! Cholesky factors of dense matrices, independent of the number of threads.
 
-use faer::dyn_stack::{MemBuffer, MemStack};
-use faer::linalg::cholesky::llt::factor::{cholesky_in_place, cholesky_in_place_scratch};
-use faer::linalg::matmul::matmul;
-use faer::linalg::triangular_solve::{solve_lower_triangular_in_place, solve_upper_triangular_in_place};
-use faer::{Accum, Mat, MatMut, MatRef, Par};
+use faer::{Accum, Mat, MatMut, MatRef};
 use rayon::prelude::*;
 
 use crate::columns::{column_bands, each_column};
+use crate::products::{factorise, multiply, solve_lower, solve_upper};
 
 /// Number of columns that one sequential product or solve computes; constant, so that results do
 /// not depend on the number of threads.
@@ -30,25 +27,23 @@ impl Cholesky {
     /// not positive definite or not finite.
     pub fn new(mut lower: Mat<f64>) -> Option<Self> {
         let size = lower.nrows();
-        let mut memory = MemBuffer::new(cholesky_in_place_scratch::<f64>(BAND, Par::Seq, Default::default()));
         for first in (0..size).step_by(BAND) {
             let width = BAND.min(size - first);
             let rest = lower.as_mut().submatrix_mut(first, first, size - first, size - first);
             let (left, mut right) = rest.split_at_col_mut(width);
             let (mut corner, below) = left.split_at_row_mut(width);
-            let stack = MemStack::new(&mut memory);
-            cholesky_in_place(corner.as_mut(), Default::default(), Par::Seq, stack, Default::default()).ok()?;
+            factorise(corner.as_mut())?;
             // Below the corner, `L_21 = A_21 L_11^-T`; to the right of that, `A_22 - L_21 L_21'`.
             let (corner, mut below) = (corner.as_ref(), below.transpose_mut());
             bands_of(below.as_mut()).into_par_iter().for_each(|(_, band)| {
-                solve_lower_triangular_in_place(corner, band, Par::Seq);
+                solve_lower(corner, band);
             });
             let below = below.as_ref();
             let trailing = right.as_mut().subrows_mut(width, size - first - width);
             bands_of(trailing).into_par_iter().for_each(|(at, band)| {
                 let rows = below.ncols() - at;
                 let (a, b) = (below.subcols(at, rows).transpose(), below.subcols(at, band.ncols()));
-                matmul(band.subrows_mut(at, rows), Accum::Add, a, b, -1.0, Par::Seq);
+                multiply(band.subrows_mut(at, rows), Accum::Add, a, b, -1.0);
             });
         }
         (0..size).all(|i| lower[(i, i)].is_finite()).then_some(Self { lower })
@@ -67,30 +62,30 @@ impl Cholesky {
     /// `L^-T L^-1 x` (n).
     pub fn solve(&self, x: &[f64]) -> Vec<f64> {
         let mut x = Mat::from_fn(x.len(), 1, |i, _| x[i]);
-        solve_lower_triangular_in_place(self.lower.as_ref(), x.as_mut(), Par::Seq);
-        solve_upper_triangular_in_place(self.lower.transpose(), x.as_mut(), Par::Seq);
+        solve_lower(self.lower.as_ref(), x.as_mut());
+        solve_upper(self.lower.transpose(), x.as_mut());
         x.col(0).iter().copied().collect()
     }
 
     /// `L^-T L^-1 X`.
     pub fn solve_all(&self, x: &Mat<f64>) -> Mat<f64> {
         let mut x = x.clone();
-        solve_lower_triangular_in_place(self.lower.as_ref(), x.as_mut(), Par::Seq);
-        solve_upper_triangular_in_place(self.lower.transpose(), x.as_mut(), Par::Seq);
+        solve_lower(self.lower.as_ref(), x.as_mut());
+        solve_upper(self.lower.transpose(), x.as_mut());
         x
     }
 
     /// Replaces `X` by `L^-1 X`.
     pub fn whiten(&self, x: &mut Mat<f64>) {
         bands_of(x.as_mut()).into_par_iter().for_each(|(_, band)| {
-            solve_lower_triangular_in_place(self.lower.as_ref(), band, Par::Seq);
+            solve_lower(self.lower.as_ref(), band);
         });
     }
 
     /// `L^-T x` (n), which has covariance `(L L')^-1` if `x` is white.
     pub fn colour(&self, x: &[f64]) -> Vec<f64> {
         let mut x = Mat::from_fn(x.len(), 1, |i, _| x[i]);
-        solve_upper_triangular_in_place(self.lower.transpose(), x.as_mut(), Par::Seq);
+        solve_upper(self.lower.transpose(), x.as_mut());
         x.col(0).iter().copied().collect()
     }
 
@@ -103,7 +98,7 @@ impl Cholesky {
             // The columns of an inverse are zero above the diagonal.
             let rest = n - first;
             let part = self.lower.as_ref().submatrix(first, first, rest, rest);
-            solve_lower_triangular_in_place(part, band.subrows_mut(first, rest), Par::Seq);
+            solve_lower(part, band.subrows_mut(first, rest));
         });
         inverse
     }

@@ -2,11 +2,10 @@
 
 use faer::diag::DiagMut;
 use faer::dyn_stack::{MemBuffer, MemStack};
-use faer::linalg::cholesky::llt::factor::{cholesky_in_place, cholesky_in_place_scratch};
 use faer::linalg::evd::{ComputeEigenvectors, self_adjoint_evd, self_adjoint_evd_scratch};
-use faer::linalg::matmul::matmul;
-use faer::linalg::triangular_solve::{solve_lower_triangular_in_place, solve_upper_triangular_in_place};
 use faer::{Accum, Mat, MatRef, Par};
+
+use crate::products::{clear_registers, factorise, multiply, solve_lower, solve_upper};
 
 /// Returns the eigenvalues, ascending, and the eigenvectors of a symmetric matrix.
 ///
@@ -27,18 +26,17 @@ pub fn eigenvectors(a: MatRef<'_, f64>) -> (Vec<f64>, Mat<f64>) {
         Default::default(),
     )
     .expect("a finite symmetric matrix has eigenvectors");
+    clear_registers();
     (values, vectors)
 }
 
 /// Solves a symmetric system on one thread; `None` if it is not positive definite.
 pub fn solve_positive(mut matrix: Mat<f64>, right: &[f64]) -> Option<Vec<f64>> {
     let size = matrix.nrows();
-    let mut memory = MemBuffer::new(cholesky_in_place_scratch::<f64>(size, Par::Seq, Default::default()));
-    let stack = MemStack::new(&mut memory);
-    cholesky_in_place(matrix.as_mut(), Default::default(), Par::Seq, stack, Default::default()).ok()?;
+    factorise(matrix.as_mut())?;
     let mut x = Mat::from_fn(size, 1, |i, _| right[i]);
-    solve_lower_triangular_in_place(matrix.as_ref(), x.as_mut(), Par::Seq);
-    solve_upper_triangular_in_place(matrix.transpose(), x.as_mut(), Par::Seq);
+    solve_lower(matrix.as_ref(), x.as_mut());
+    solve_upper(matrix.transpose(), x.as_mut());
     let solution: Vec<f64> = x.col(0).iter().copied().collect();
     solution.iter().all(|v| v.is_finite()).then_some(solution)
 }
@@ -53,7 +51,7 @@ pub fn weighted_gram(a: MatRef<'_, f64>, weights: &[f64]) -> Mat<f64> {
         column.as_slice_mut().iter_mut().for_each(|x| *x *= root);
     }
     let mut gram = Mat::zeros(a.nrows(), a.nrows());
-    matmul(gram.as_mut(), Accum::Replace, &scaled, scaled.transpose(), 1.0, Par::Seq);
+    multiply(gram.as_mut(), Accum::Replace, scaled.as_ref(), scaled.transpose(), 1.0);
     gram
 }
 
@@ -71,7 +69,7 @@ pub fn principal_axes(rows: &[Vec<f64>], rank: usize) -> (Vec<f64>, Vec<Vec<f64>
     let centred = Mat::<f64>::from_fn(n, length, |i, c| rows[i][c] - mean[c]);
     let mut gram = Mat::<f64>::zeros(n, n);
     // Sequential, so that the axes do not depend on the number of threads.
-    matmul(gram.as_mut(), Accum::Replace, &centred, centred.transpose(), 1.0, Par::Seq);
+    multiply(gram.as_mut(), Accum::Replace, centred.as_ref(), centred.transpose(), 1.0);
     let (values, vectors) = eigenvectors(gram.as_ref());
     let mut axes = Vec::new();
     let mut variances = Vec::new();

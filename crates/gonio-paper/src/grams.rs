@@ -1,10 +1,9 @@
 //! Quantities of the operator computed once for all iterations on an image: its columns and its
 //! products with itself.
 
-use faer::linalg::matmul::matmul;
-use faer::{Accum, Mat, MatRef, Par};
+use faer::{Accum, Mat, MatRef};
 use gonio::lighting::Moments;
-use gonio_linalg::{axpy, column_bands, dispatch, dot};
+use gonio_linalg::{axpy, column_bands, dispatch, dot, multiply};
 use rayon::prelude::*;
 
 use super::Problem;
@@ -47,7 +46,7 @@ impl Grams {
         column_bands(sum.as_mut(), m.div_ceil(BAND)).into_par_iter().for_each(|(first, mut band)| {
             let (width, rest) = (band.ncols(), m - first);
             let (left, right) = (b.subcols(first, rest), b.subcols(first, width));
-            matmul(band.as_mut().subrows_mut(first, rest), Accum::Replace, left.transpose(), right, scale, Par::Seq);
+            multiply(band.as_mut().subrows_mut(first, rest), Accum::Replace, left.transpose(), right, scale);
             for (gram, f) in self.light.iter().zip(f) {
                 let variance = scale * f.variance;
                 for (j, column) in band.as_mut().col_iter_mut().enumerate() {
@@ -72,7 +71,7 @@ fn gram(x: MatRef<'_, f32>) -> Mat<f32> {
     column_bands(gram.as_mut(), n.div_ceil(BAND)).into_par_iter().for_each(|(first, mut band)| {
         let (width, rest) = (band.ncols(), n - first);
         let (left, right) = (x.subcols(first, rest), x.subcols(first, width));
-        matmul(band.as_mut().subrows_mut(first, rest), Accum::Replace, left.transpose(), right, 1.0, Par::Seq);
+        multiply(band.as_mut().subrows_mut(first, rest), Accum::Replace, left.transpose(), right, 1.0);
     });
     gram
 }

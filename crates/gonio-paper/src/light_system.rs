@@ -1,9 +1,8 @@
 //! Linear system of the light given all other unknowns.
 
-use faer::linalg::matmul::matmul;
-use faer::{Accum, Mat, MatRef, Par};
+use faer::{Accum, Mat, MatRef};
 use gonio::lighting::{CoefficientPrior, Moments};
-use gonio_linalg::{Cholesky, axpy, dispatch};
+use gonio_linalg::{Cholesky, axpy, dispatch, multiply};
 
 use super::ensemble::AllMoments;
 use super::expectations::{columns_squared, expected_precision, prior_pull};
@@ -163,7 +162,7 @@ impl LightSystem {
         let (rows, m) = (a.len() / k, self.target.len());
         let mut out = Mat::zeros(m, k);
         let (b, a) = (MatRef::from_row_major_slice(&self.b, rows, m), MatRef::from_row_major_slice(a, rows, k));
-        matmul(out.as_mut(), Accum::Replace, b.transpose(), a, scale, Par::Seq);
+        multiply(out.as_mut(), Accum::Replace, b.transpose(), a, scale);
         out
     }
 }

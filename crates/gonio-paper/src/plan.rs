@@ -11,6 +11,7 @@ use gonio::lighting::LightPrior;
 use gonio::reflectance::BivariateTable;
 use gonio::shape::Points;
 use gonio::transfer::{MIN_POINTS, TransferError, TransferRows, TransferSettings, observed_rows};
+use gonio_linalg::{clear_registers, product, solve_lower};
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
@@ -223,7 +224,7 @@ impl Plan {
         let values = Mat::<f64>::from_fn(kept.len(), 1, |i, _| image[kept[i]].unwrap_or(0.0));
         let energy = values.squared_norm_l2();
         let q = Mat::<f64>::from_fn(kept.len(), full, |i, j| f64::from(self.q[kept[i] * full + j]));
-        let coordinates = q.transpose() * &values;
+        let coordinates = product(q.transpose(), values.as_ref());
         if kept.len() == self.points {
             // Q is already orthonormal to single precision.
             let left = |r: usize| energy - coordinates.subrows(0, r).squared_norm_l2();
@@ -239,18 +240,19 @@ impl Plan {
         }
         // With Q_kept = Q~ L' and L L' = Q_kept' Q_kept, the target is L^-1 Q_kept' I and the
         // operator L' R.
-        let mut gram = q.transpose() * &q;
+        let mut gram = product(q.transpose(), q.as_ref());
         for j in 0..gram.ncols() {
             gram[(j, j)] += 1e-9;
         }
         let factor = gram.llt(Side::Lower).expect("a ridge makes the Gram matrix positive definite");
         let lower = factor.L();
         let mut target = coordinates;
-        faer::linalg::triangular_solve::solve_lower_triangular_in_place(lower, target.as_mut(), faer::Par::Seq);
+        solve_lower(lower, target.as_mut());
         let rank = target.nrows();
         let columns = self.k * self.m();
         let upper = Mat::<f32>::from_fn(rank, rank, |i, j| if i <= j { lower[(j, i)] as f32 } else { 0.0 });
         let operator = &upper * MatRef::from_row_major_slice(&self.r[..rank * columns], rank, columns);
+        clear_registers();
         let data = (0..rank * columns).map(|at| operator[(at / columns, at % columns)]).collect();
         Ok(Projected {
             bilinear: Bilinear::new(rank, self.k, self.m(), data),

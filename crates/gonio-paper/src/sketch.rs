@@ -2,9 +2,8 @@
 //!
 //! The rows need not fit in memory (Halko, Martinsson and Tropp 2011).
 
-use faer::linalg::matmul::matmul;
-use faer::{Accum, Mat, MatMut, MatRef, Par, Side};
-use gonio_linalg::{column_bands, eigenvectors};
+use faer::{Accum, Mat, MatMut, MatRef, Side};
+use gonio_linalg::{clear_registers, column_bands, eigenvectors, multiply, solve_lower};
 use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 use rayon::prelude::*;
@@ -39,7 +38,7 @@ fn product(out: MatMut<'_, f32>, accum: Accum, a: MatRef<'_, f32>, b: MatRef<'_,
     let columns = out.ncols();
     column_bands(out, columns.div_ceil(BAND)).into_par_iter().for_each(|(first, out)| {
         let width = out.ncols();
-        matmul(out, accum, a, b.subcols(first, width), 1.0, Par::Seq);
+        multiply(out, accum, a, b.subcols(first, width), 1.0);
     });
 }
 
@@ -55,12 +54,13 @@ fn orthonormalise(y: &mut Mat<f32>) {
             gram[(j, j)] += ridge;
         }
         let factor = gram.llt(Side::Lower).expect("a finite Gram matrix with a ridge is positive definite");
+        clear_registers();
         // Y <- Y L^-T, as the transposed lower solve, band by band.
         let lower = factor.L();
         let mut transposed = tall.transpose().to_owned();
         let columns = transposed.ncols();
         column_bands(transposed.as_mut(), columns.div_ceil(512)).into_par_iter().for_each(|(_, band)| {
-            faer::linalg::triangular_solve::solve_lower_triangular_in_place(lower, band, Par::Seq);
+            solve_lower(lower, band);
         });
         tall = transposed.transpose().to_owned();
         *y = Mat::from_fn(y.nrows(), y.ncols(), |i, j| tall[(i, j)] as f32);
@@ -73,7 +73,7 @@ fn gram(y: MatRef<'_, f64>) -> Mat<f64> {
     let mut gram = Mat::zeros(n, n);
     column_bands(gram.as_mut(), n.div_ceil(128)).into_par_iter().for_each(|(first, band)| {
         let width = band.ncols();
-        matmul(band, Accum::Replace, y.transpose(), y.subcols(first, width), 1.0, Par::Seq);
+        multiply(band, Accum::Replace, y.transpose(), y.subcols(first, width), 1.0);
     });
     gram
 }

@@ -1,8 +1,7 @@
 //! Hierarchical alternating least squares for one start.
 
-use faer::linalg::matmul::matmul;
-use faer::{Accum, Mat, MatRef, Par};
-use gonio_linalg::dispatch;
+use faer::{Accum, Mat, MatRef};
+use gonio_linalg::{dispatch, multiply};
 
 use super::{NmfSettings, StartReport};
 
@@ -23,7 +22,7 @@ const WINDOW: usize = 10;
 /// Computes `a b` on one thread, so that the order of summation never depends on the machine.
 pub(super) fn product(a: MatRef<'_, f64>, b: MatRef<'_, f64>) -> Mat<f64> {
     let mut out = Mat::zeros(a.nrows(), b.ncols());
-    matmul(out.as_mut(), Accum::Replace, a, b, 1.0, Par::Seq);
+    multiply(out.as_mut(), Accum::Replace, a, b, 1.0);
     out
 }
 
@@ -131,7 +130,7 @@ fn revive(x: MatRef<'_, f64>, pair: &mut Pair) -> bool {
     for &k in &dead {
         pair.v.col_as_slice_mut(k).fill(0.0);
     }
-    matmul(residual.as_mut(), Accum::Add, pair.w.as_ref(), pair.v.transpose(), -1.0, Par::Seq);
+    multiply(residual.as_mut(), Accum::Add, pair.w.as_ref(), pair.v.transpose(), -1.0);
     let mut size: Vec<(f64, usize)> =
         (0..x.ncols()).map(|j| (residual.col_as_slice(j).iter().map(|r| r.max(0.0).powi(2)).sum::<f64>(), j)).collect();
     size.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
@@ -146,7 +145,7 @@ fn revive(x: MatRef<'_, f64>, pair: &mut Pair) -> bool {
 /// Computes `|X - w v'|^2` by direct summation.
 pub(super) fn cost(x: MatRef<'_, f64>, pair: &Pair) -> f64 {
     let mut residual = x.to_owned();
-    matmul(residual.as_mut(), Accum::Add, pair.w.as_ref(), pair.v.transpose(), -1.0, Par::Seq);
+    multiply(residual.as_mut(), Accum::Add, pair.w.as_ref(), pair.v.transpose(), -1.0);
     residual.squared_norm_l2()
 }
 

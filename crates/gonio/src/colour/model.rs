@@ -1,7 +1,7 @@
 //! Prior of the colours, and posterior of the channels.
 
 use faer::Mat;
-use gonio_linalg::{Cholesky, eigenvectors};
+use gonio_linalg::{Cholesky, eigenvectors, product};
 use rand::{Rng, RngExt, SeedableRng};
 use rand_distr::{ChiSquared, Distribution, StandardNormal};
 use rand_pcg::Pcg64;
@@ -182,7 +182,7 @@ fn square_root(matrix: &Mat<f64>) -> Mat<f64> {
     let (values, vectors) = eigenvectors(matrix.as_ref());
     let n = values.len();
     let scaled = Mat::from_fn(n, n, |i, k| vectors[(i, k)] * values[k].max(0.0).sqrt());
-    &scaled * vectors.transpose()
+    product(scaled.as_ref(), vectors.transpose())
 }
 
 impl DifferencePosterior {

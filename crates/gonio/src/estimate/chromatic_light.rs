@@ -10,10 +10,9 @@
 //! BRDF differ along the green-magenta axis ([`ChromaticLight::chroma_residual`]), either the
 //! colours of the BRDF are wrong, or the light is unusual, for example over grass.
 
-use faer::linalg::matmul::matmul;
-use faer::{Accum, Mat, Par};
+use faer::{Accum, Mat};
 use glam::{DVec3, Vec3};
-use gonio_linalg::Cholesky;
+use gonio_linalg::{Cholesky, multiply};
 
 use super::{Colouring, Diagnostic, EstimateError, Light};
 use crate::colour::Chroma;
@@ -267,7 +266,7 @@ impl Images {
             }
         }
         let mut normal = self.inverse_prior(map);
-        matmul(normal.as_mut(), Accum::Add, system.as_ref(), system.transpose(), 1.0, Par::Seq);
+        multiply(normal.as_mut(), Accum::Add, system.as_ref(), system.transpose(), 1.0);
         let moment: Vec<f64> = system.row_iter().map(|row| row.iter().zip(&right).map(|(x, r)| x * r).sum()).collect();
         let solved = Cholesky::new(normal).map(|factor| factor.solve(&moment));
         let solved = solved.unwrap_or_else(|| vec![0.0; 2 * count]);

@@ -4,6 +4,7 @@
 use faer::Mat;
 use faer::linalg::solvers::SolveLstsq;
 use glam::{DMat3, DVec2, DVec3};
+use gonio_linalg::clear_registers;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use serde::{Deserialize, Serialize};
@@ -178,6 +179,7 @@ pub(super) fn aspect(near: &[DVec2], circle: &Circle) -> f64 {
     });
     let distances = Mat::<f64>::from_fn(near.len(), 1, |i, _| from_rim(near[i], circle).1);
     let x = rows.qr().solve_lstsq(&distances);
+    clear_registers();
     let mean = circle.radius + x[(0, 0)];
     let amplitude = x[(3, 0)].hypot(x[(4, 0)]);
     (mean - amplitude) / (mean + amplitude)

@@ -6,10 +6,9 @@
 //! of the sample (prefiltered importance sampling, Colbert & Krivanek 2007). The renderer is much
 //! faster than [`Relighter`](crate::render::Relighter) and agrees with it within a few percent.
 
-use faer::linalg::matmul::matmul;
-use faer::{Accum, MatMut, MatRef, Par};
+use faer::{Accum, MatMut, MatRef};
 use glam::Vec3;
-use gonio_linalg::dispatch;
+use gonio_linalg::{dispatch, multiply};
 use rayon::prelude::*;
 
 use super::gather::{Cells, Gather, Lamp, Layout, Ring};
@@ -137,7 +136,7 @@ impl BallRenderer {
                     for range in cells.ranges() {
                         let product = MatMut::from_column_major_slice_mut(&mut out, chunk, tables.len());
                         let (gathered, laid) = (gathered.get(.., range.clone()), laid.get(range, ..));
-                        matmul(product, Accum::Add, gathered, laid, 1.0, Par::Seq);
+                        multiply(product, Accum::Add, gathered, laid, 1.0);
                     }
                     cells.clear();
                     out

@@ -2,9 +2,8 @@
 
 use std::ops::Range;
 
-use faer::linalg::matmul::matmul;
-use faer::{Accum, Mat, Par};
-use gonio_linalg::Cholesky;
+use faer::{Accum, Mat};
+use gonio_linalg::{Cholesky, multiply};
 
 use super::error_model::ErrorModel;
 use super::light::Operator;
@@ -274,7 +273,7 @@ impl<'a> ImageModel<'a> {
         covariance.whiten(&mut derivatives);
         let residuals = whitened(covariance, &state.residuals);
         let mut normal = Mat::zeros(n, n);
-        matmul(normal.as_mut(), Accum::Replace, derivatives.transpose(), derivatives.as_ref(), 1.0, Par::Seq);
+        multiply(normal.as_mut(), Accum::Replace, derivatives.transpose(), derivatives.as_ref(), 1.0);
         let gradient = (0..n).map(|j| {
             let along: f64 = derivatives.col(j).iter().zip(&residuals).map(|(d, r)| d * r).sum();
             along - self.precisions[j] * state.coefficients[j]

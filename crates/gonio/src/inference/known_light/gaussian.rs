@@ -1,7 +1,7 @@
 //! Gaussian posterior of the material without its scale, for draws, storage and products.
 
 use faer::Mat;
-use gonio_linalg::Cholesky;
+use gonio_linalg::{Cholesky, product};
 use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64;
@@ -32,10 +32,10 @@ impl Gaussian {
         // The covariance of the marginal is the leading block of that of all coefficients.
         let inverse = curvature.inverse_of_lower();
         let part = inverse.submatrix(0, 0, mean.len(), count);
-        let covariance = part.transpose() * part;
+        let covariance = product(part.transpose(), part);
         let factor = Cholesky::new(covariance)?;
         let inverse = factor.inverse_of_lower();
-        let precision = inverse.transpose() * &inverse;
+        let precision = product(inverse.transpose(), inverse.as_ref());
         Some(Self { mean: mean[..count].to_vec(), precision: lower(&precision), deviation })
     }
 

@@ -8,7 +8,7 @@
 //! effect is small (docs/trials.md).
 
 use faer::Mat;
-use gonio_linalg::{Cholesky, eigenvectors};
+use gonio_linalg::{Cholesky, eigenvectors, product};
 
 use super::gaussian::times;
 use crate::inference::learnt::LearntPosterior;
@@ -47,7 +47,7 @@ impl EncoderLikelihood {
         let n = to.len();
         let half = Mat::from_fn(n, n, |i, k| vectors[(i, k)] * (POWER * values[k].max(0.0)).sqrt());
         let vector = to.iter().zip(from).map(|(to, from)| POWER * (to - from)).collect();
-        Some(Self { information: &half * half.transpose(), vector })
+        Some(Self { information: product(half.as_ref(), half.transpose()), vector })
     }
 }
 
@@ -60,10 +60,10 @@ fn natural(materials: &[Vec<f32>], weights: &[f64]) -> Option<(Mat<f64>, Vec<f64
     }
     let off =
         Mat::from_fn(materials.len(), n, |i, k| (weights[i] / total).sqrt() * (f64::from(materials[i][k]) - mean[k]));
-    let mut covariance = off.transpose() * &off;
+    let mut covariance = product(off.transpose(), off.as_ref());
     (0..n).for_each(|k| covariance[(k, k)] += MIN_VARIANCE);
     let inverse = Cholesky::new(covariance)?.inverse_of_lower();
-    let precision = inverse.transpose() * &inverse;
+    let precision = product(inverse.transpose(), inverse.as_ref());
     let vector = times(&precision, &mean);
     Some((precision, vector))
 }

@@ -2,7 +2,7 @@
 
 use faer::Mat;
 use glam::{DQuat, DVec3};
-use gonio_linalg::Cholesky;
+use gonio_linalg::{Cholesky, product};
 
 use super::ObservedPoints;
 use super::fit::{ImageModel, LaplaceFit, whitened};
@@ -69,7 +69,7 @@ pub(super) fn propose(
     let gradient: Vec<f64> = (0..n + 3)
         .map(|j| design.col(j).iter().zip(&residuals).map(|(d, r)| d * r).sum::<f64>() - prior(j) * value(j))
         .collect();
-    let mut normal = design.transpose() * &design;
+    let mut normal = product(design.transpose(), design.as_ref());
     (0..n + 3).for_each(|j| normal[(j, j)] += prior(j));
     let step = Cholesky::new(normal.clone())?.solve(&gradient);
     let fixed = Cholesky::new(normal.submatrix(0, 0, n, n).to_owned())?.solve(&gradient[..n]);

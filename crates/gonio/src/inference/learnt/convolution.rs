@@ -8,9 +8,8 @@
 
 use std::ops::Range;
 
-use faer::linalg::matmul::matmul;
-use faer::{Accum, MatMut, MatRef, Par};
-use gonio_linalg::dispatch;
+use faer::{Accum, MatMut, MatRef};
+use gonio_linalg::{dispatch, multiply};
 
 /// Bytes of gathered neighbourhoods in one tile.
 const TILE: usize = 1 << 18;
@@ -72,7 +71,7 @@ impl Convolution {
             let patches = self.gather(images, lines.clone(), &mut room);
             let patches = MatRef::from_row_major_slice(patches, cells, self.neighbourhood());
             let out = MatMut::from_row_major_slice_mut(self.lines_mut(out, lines), cells, self.outputs);
-            matmul(out, Accum::Add, patches, weights, 1.0, Par::Seq);
+            multiply(out, Accum::Add, patches, weights, 1.0);
         }
     }
 
@@ -98,12 +97,12 @@ impl Convolution {
             let patches = self.gather(images, lines.clone(), &mut room);
             let patches = MatRef::from_row_major_slice(patches, cells, self.neighbourhood());
             let product = MatMut::from_row_major_slice_mut(to_weights, self.neighbourhood(), self.outputs);
-            matmul(product, Accum::Add, patches.transpose(), back, 1.0, Par::Seq);
+            multiply(product, Accum::Add, patches.transpose(), back, 1.0);
             if let Some(to_images) = to_images.as_deref_mut() {
                 assert_eq!(to_images.len(), images.len());
                 let room = &mut room[..cells * self.neighbourhood()];
                 let product = MatMut::from_row_major_slice_mut(room, cells, self.neighbourhood());
-                matmul(product, Accum::Replace, back, weights.transpose(), 1.0, Par::Seq);
+                multiply(product, Accum::Replace, back, weights.transpose(), 1.0);
                 dispatch(|| self.scatter(room, lines, to_images));
             }
         }

@@ -1,10 +1,8 @@
 //! Algebra of `S = I + rho B V B'`, the covariance of an image in units of its noise, in the
 //! smaller of two spaces.
 
-use faer::linalg::matmul::matmul;
-use faer::linalg::triangular_solve::solve_lower_triangular_in_place;
-use faer::{Accum, Mat, MatRef, Par};
-use gonio_linalg::{Cholesky, axpy, bands_of, dispatch, dot, each_column, squared_norms};
+use faer::{Accum, Mat, MatRef};
+use gonio_linalg::{Cholesky, axpy, bands_of, dispatch, dot, each_column, multiply, solve_lower, squared_norms};
 use rayon::prelude::*;
 
 use crate::parallel;
@@ -236,7 +234,7 @@ impl<'a> Factor<'a> {
             let mut solved = scaled.clone();
             let lower = self.cholesky.lower();
             bands_of(solved.as_mut()).into_par_iter().for_each(|(_, band)| {
-                solve_lower_triangular_in_place(lower, band, Par::Seq);
+                solve_lower(lower, band);
             });
             solved
         } else {
@@ -264,7 +262,7 @@ fn lower_of_product(a: MatRef<'_, f64>, b: MatRef<'_, f64>) -> Mat<f64> {
     bands_of(out.as_mut()).into_par_iter().for_each(|(first, band)| {
         let (width, rest) = (band.ncols(), n - first);
         let (a, b) = (a.subrows(first, rest), b.subcols(first, width));
-        matmul(band.subrows_mut(first, rest), Accum::Replace, a, b, 1.0, Par::Seq);
+        multiply(band.subrows_mut(first, rest), Accum::Replace, a, b, 1.0);
     });
     out
 }

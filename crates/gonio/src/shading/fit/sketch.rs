@@ -2,10 +2,9 @@
 
 use std::f64::consts::PI;
 
-use faer::linalg::matmul::matmul;
-use faer::{Accum, Mat, MatRef, Par};
+use faer::{Accum, Mat, MatRef};
 use glam::DVec3;
-use gonio_linalg::{dispatch, dot};
+use gonio_linalg::{dispatch, dot, multiply};
 
 use crate::reflectance::parametric::{HORIZON, directions};
 use crate::reflectance::{BivariateTable, CELLS, THETA_D, THETA_H, angles_of, theta_d_of, theta_h_of};
@@ -99,7 +98,7 @@ impl Sketch {
             let values = Mat::from_fn(cells, of_values.len(), |cell, k| of_values[k][cell][c] as f32);
             let matrix = MatRef::from_row_major_slice(&self.matrix[c], self.matrix[c].len() / cells, cells);
             let mut product = Mat::zeros(matrix.nrows(), of_values.len());
-            matmul(&mut product, Accum::Replace, matrix, &values, 1.0, Par::Seq);
+            multiply(product.as_mut(), Accum::Replace, matrix, values.as_ref(), 1.0);
             product
         });
         let colour = |point, k| DVec3::new(r[(point, k)].into(), g[(point, k)].into(), b[(point, k)].into());

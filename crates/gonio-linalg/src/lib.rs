@@ -2,7 +2,7 @@
 //!
 //! * [`eigenvectors`], [`solve_positive`], [`principal_axes`], [`weighted_gram`]: symmetric
 //!   matrices, on one thread;
-//! * [`multiply`], [`product`], [`solve_lower`], [`solve_upper`]: matrices, on one thread;
+//! * [`multiply`], [`product`]: products of matrices, on one thread;
 //! * [`Cholesky`]: factors of large matrices, in bands of columns on all threads;
 //! * [`column_bands`], [`each_column`]: columns of a matrix, processed concurrently;
 //! * [`dispatch`]: runs a loop with the widest vector instructions of the processor;
@@ -17,5 +17,5 @@ mod symmetric;
 pub use cholesky::{Cholesky, bands_of};
 pub use columns::{column_bands, each_column, squared_norms};
 pub use kernels::{add_product, axpy, dispatch, dot};
-pub use products::{clear_registers, multiply, product, solve_lower, solve_upper};
+pub use products::{clear_registers, multiply, product};
 pub use symmetric::{eigenvectors, principal_axes, project, solve_positive, weighted_gram};

@@ -4,6 +4,7 @@ use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt::factor::{cholesky_in_place, cholesky_in_place_scratch};
 use faer::linalg::matmul::matmul;
 use faer::linalg::triangular_solve::{solve_lower_triangular_in_place, solve_upper_triangular_in_place};
+use faer::traits::math_utils::one;
 use faer::traits::{ComplexField, Conjugate};
 use faer::{Accum, Mat, MatMut, MatRef, Par};
 
@@ -25,7 +26,7 @@ pub fn clear_registers() {
 ///
 /// # Panics
 /// If the sizes differ.
-#[expect(clippy::disallowed_methods, reason = "cleared below")]
+#[expect(clippy::disallowed_methods, reason = "clears the registers")]
 pub fn multiply<T: ComplexField + Conjugate<Canonical = T>>(
     out: MatMut<'_, T>,
     accum: Accum,
@@ -41,28 +42,22 @@ pub fn multiply<T: ComplexField + Conjugate<Canonical = T>>(
 ///
 /// # Panics
 /// If the sizes differ.
-pub fn product(a: MatRef<'_, f64>, b: MatRef<'_, f64>) -> Mat<f64> {
+pub fn product<T: ComplexField + Conjugate<Canonical = T>>(a: MatRef<'_, T>, b: MatRef<'_, T>) -> Mat<T> {
     let mut out = Mat::zeros(a.nrows(), b.ncols());
-    multiply(out.as_mut(), Accum::Replace, a, b, 1.0);
+    multiply(out.as_mut(), Accum::Replace, a, b, one());
     out
 }
 
 /// Replaces `X` by `L^-1 X`.
-///
-/// # Panics
-/// If the sizes differ.
-#[expect(clippy::disallowed_methods, reason = "cleared below")]
-pub fn solve_lower(lower: MatRef<'_, f64>, x: MatMut<'_, f64>) {
+#[expect(clippy::disallowed_methods, reason = "clears the registers")]
+pub(crate) fn solve_lower(lower: MatRef<'_, f64>, x: MatMut<'_, f64>) {
     solve_lower_triangular_in_place(lower, x, Par::Seq);
     clear_registers();
 }
 
 /// Replaces `X` by `U^-1 X`.
-///
-/// # Panics
-/// If the sizes differ.
-#[expect(clippy::disallowed_methods, reason = "cleared below")]
-pub fn solve_upper(upper: MatRef<'_, f64>, x: MatMut<'_, f64>) {
+#[expect(clippy::disallowed_methods, reason = "clears the registers")]
+pub(crate) fn solve_upper(upper: MatRef<'_, f64>, x: MatMut<'_, f64>) {
     solve_upper_triangular_in_place(upper, x, Par::Seq);
     clear_registers();
 }

@@ -3,9 +3,9 @@
 use faer::diag::DiagMut;
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::evd::{ComputeEigenvectors, self_adjoint_evd, self_adjoint_evd_scratch};
-use faer::{Accum, Mat, MatRef, Par};
+use faer::{Mat, MatRef, Par};
 
-use crate::products::{clear_registers, factorise, multiply, solve_lower, solve_upper};
+use crate::products::{clear_registers, factorise, product, solve_lower, solve_upper};
 
 /// Returns the eigenvalues, ascending, and the eigenvectors of a symmetric matrix.
 ///
@@ -50,9 +50,7 @@ pub fn weighted_gram(a: MatRef<'_, f64>, weights: &[f64]) -> Mat<f64> {
         let column = column.try_as_col_major_mut().expect("columns of a column-major matrix are contiguous");
         column.as_slice_mut().iter_mut().for_each(|x| *x *= root);
     }
-    let mut gram = Mat::zeros(a.nrows(), a.nrows());
-    multiply(gram.as_mut(), Accum::Replace, scaled.as_ref(), scaled.transpose(), 1.0);
-    gram
+    product(scaled.as_ref(), scaled.transpose())
 }
 
 /// Returns the inner product of `x - mean` and an axis.
@@ -67,10 +65,7 @@ pub fn principal_axes(rows: &[Vec<f64>], rank: usize) -> (Vec<f64>, Vec<Vec<f64>
     let (n, length) = (rows.len(), rows[0].len());
     let mean: Vec<f64> = (0..length).map(|c| rows.iter().map(|r| r[c]).sum::<f64>() / n as f64).collect();
     let centred = Mat::<f64>::from_fn(n, length, |i, c| rows[i][c] - mean[c]);
-    let mut gram = Mat::<f64>::zeros(n, n);
-    // Sequential, so that the axes do not depend on the number of threads.
-    multiply(gram.as_mut(), Accum::Replace, centred.as_ref(), centred.transpose(), 1.0);
-    let (values, vectors) = eigenvectors(gram.as_ref());
+    let (values, vectors) = eigenvectors(product(centred.as_ref(), centred.transpose()).as_ref());
     let mut axes = Vec::new();
     let mut variances = Vec::new();
     let largest = values.last().copied().unwrap_or(0.0);

@@ -6,12 +6,12 @@
 //! `I_i = g l' A_i f + e_i` and white noise, the likelihood depends on the image only through
 //! `Q' I` and the energy of `I` outside `Q`.
 
-use faer::{Mat, MatRef, Side};
+use faer::{Mat, MatRef};
 use gonio::lighting::LightPrior;
 use gonio::reflectance::BivariateTable;
 use gonio::shape::Points;
 use gonio::transfer::{MIN_POINTS, TransferError, TransferRows, TransferSettings, observed_rows};
-use gonio_linalg::{clear_registers, product, solve_lower};
+use gonio_linalg::{Cholesky, product};
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
@@ -244,15 +244,15 @@ impl Plan {
         for j in 0..gram.ncols() {
             gram[(j, j)] += 1e-9;
         }
-        let factor = gram.llt(Side::Lower).expect("a ridge makes the Gram matrix positive definite");
-        let lower = factor.L();
+        let factor = Cholesky::new(gram).expect("a ridge makes the Gram matrix positive definite");
+        let lower = factor.lower();
         let mut target = coordinates;
-        solve_lower(lower, target.as_mut());
+        factor.whiten(&mut target);
         let rank = target.nrows();
         let columns = self.k * self.m();
         let upper = Mat::<f32>::from_fn(rank, rank, |i, j| if i <= j { lower[(j, i)] as f32 } else { 0.0 });
-        let operator = &upper * MatRef::from_row_major_slice(&self.r[..rank * columns], rank, columns);
-        clear_registers();
+        let r = MatRef::from_row_major_slice(&self.r[..rank * columns], rank, columns);
+        let operator = product(upper.as_ref(), r);
         let data = (0..rank * columns).map(|at| operator[(at / columns, at % columns)]).collect();
         Ok(Projected {
             bilinear: Bilinear::new(rank, self.k, self.m(), data),

@@ -2,8 +2,8 @@
 //!
 //! The rows need not fit in memory (Halko, Martinsson and Tropp 2011).
 
-use faer::{Accum, Mat, MatMut, MatRef, Side};
-use gonio_linalg::{clear_registers, column_bands, eigenvectors, multiply, solve_lower};
+use faer::{Accum, Mat, MatMut, MatRef};
+use gonio_linalg::{Cholesky, column_bands, eigenvectors, multiply};
 use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 use rayon::prelude::*;
@@ -53,15 +53,10 @@ fn orthonormalise(y: &mut Mat<f32>) {
         for j in 0..gram.ncols() {
             gram[(j, j)] += ridge;
         }
-        let factor = gram.llt(Side::Lower).expect("a finite Gram matrix with a ridge is positive definite");
-        clear_registers();
+        let factor = Cholesky::new(gram).expect("a finite Gram matrix with a ridge is positive definite");
         // Y <- Y L^-T, as the transposed lower solve, band by band.
-        let lower = factor.L();
         let mut transposed = tall.transpose().to_owned();
-        let columns = transposed.ncols();
-        column_bands(transposed.as_mut(), columns.div_ceil(512)).into_par_iter().for_each(|(_, band)| {
-            solve_lower(lower, band);
-        });
+        factor.whiten(&mut transposed);
         tall = transposed.transpose().to_owned();
         *y = Mat::from_fn(y.nrows(), y.ncols(), |i, j| tall[(i, j)] as f32);
     }

@@ -198,7 +198,7 @@ pub(crate) fn train_posterior(
     Ok((PyBytes::new(py, &bytes).unbind(), provenance))
 }
 
-/// Learns the colour model of a model anew.
+/// Trains only the colour model of an existing model.
 #[pyfunction]
 pub(crate) fn train_colours(
     py: Python<'_>,

@@ -1,7 +1,7 @@
 //! Hierarchical alternating least squares for one start.
 
 use faer::{Accum, Mat, MatRef};
-use gonio_linalg::{dispatch, multiply};
+use gonio_linalg::{dispatch, multiply, product};
 
 use super::{NmfSettings, StartReport};
 
@@ -18,13 +18,6 @@ const BLOCK: usize = 128;
 ///
 /// Single steps of an extrapolated iteration vary strongly.
 const WINDOW: usize = 10;
-
-/// Computes `a b` on one thread, so that the order of summation never depends on the machine.
-pub(super) fn product(a: MatRef<'_, f64>, b: MatRef<'_, f64>) -> Mat<f64> {
-    let mut out = Mat::zeros(a.nrows(), b.ncols());
-    multiply(out.as_mut(), Accum::Replace, a, b, 1.0);
-    out
-}
 
 /// Returns the sum of the products of the entries of two matrices of equal shape.
 pub(super) fn dot(a: &Mat<f64>, b: &Mat<f64>) -> f64 {

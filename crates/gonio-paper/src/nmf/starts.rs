@@ -1,10 +1,11 @@
 //! Starts of the factorisation.
 
 use faer::{Mat, MatRef, Side};
+use gonio_linalg::product;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
-use super::hals::{Pair, dot, product};
+use super::hals::{Pair, dot};
 
 /// Returns start number `index`.
 ///

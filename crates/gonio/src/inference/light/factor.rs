@@ -2,7 +2,7 @@
 //! smaller of two spaces.
 
 use faer::{Accum, Mat, MatRef};
-use gonio_linalg::{Cholesky, axpy, bands_of, dispatch, dot, each_column, multiply, solve_lower, squared_norms};
+use gonio_linalg::{Cholesky, axpy, bands_of, dispatch, dot, each_column, multiply, squared_norms};
 use rayon::prelude::*;
 
 use crate::parallel;
@@ -232,10 +232,7 @@ impl<'a> Factor<'a> {
         }
         let solved = if let Some(scaled) = &self.scaled {
             let mut solved = scaled.clone();
-            let lower = self.cholesky.lower();
-            bands_of(solved.as_mut()).into_par_iter().for_each(|(_, band)| {
-                solve_lower(lower, band);
-            });
+            self.cholesky.whiten(&mut solved);
             solved
         } else {
             self.cholesky.inverse_of_lower()

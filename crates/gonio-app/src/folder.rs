@@ -159,7 +159,7 @@ mod tests {
             ("brdf.txt", ""),
             ("photo.exr", ""),
             ("1/result.json", &region),
-            ("1/brdf.binary", ""),
+            ("1/brdf.npz", ""),
             ("1/export/export.json", &export),
             ("1/export/ward.json", ""),
             ("mine/report.html", "a folder without results"),

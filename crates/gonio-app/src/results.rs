@@ -23,10 +23,6 @@ use crate::spaces::from_rec709;
 
 /// The BRDF with its quantiles ([`gonio_io::result_brdf`]).
 pub const BRDF: &str = "brdf.npz";
-/// The BRDF in the format of the MERL database, in results of earlier versions.
-pub const EARLIER_BRDF: &str = "brdf.binary";
-/// Quantiles in results of earlier versions.
-const EARLIER_QUANTILES: [&str; 2] = ["brdf_quantiles.npy", "brdf_rgb_quantiles.npy"];
 /// The light, as a lat-long map.
 pub const LIGHT: &str = "light.exr";
 /// Reflectance of each pixel relative to that of the estimated paint.
@@ -45,13 +41,12 @@ pub const LIGHT_ROWS: usize = 128;
 /// Lists the names of all files in a folder of results, without the folders of regions and exports.
 pub(crate) fn names() -> impl Iterator<Item = String> {
     let plain = [BRDF, LIGHT, ALBEDO, RESULT, REPORT, MATERIALS, gonio_io::posterior::FILE];
-    let earlier = EARLIER_QUANTILES.into_iter().chain([EARLIER_BRDF]);
-    plain.into_iter().chain(earlier).map(str::to_owned).chain(PICTURES.iter().map(|name| format!("{name}.png")))
+    plain.into_iter().map(str::to_owned).chain(PICTURES.iter().map(|name| format!("{name}.png")))
 }
 
 /// Returns the file of the BRDF in a folder of results, if there is one.
 pub fn brdf_in(dir: &Path) -> Option<PathBuf> {
-    [BRDF, EARLIER_BRDF].into_iter().map(|name| dir.join(name)).find(|file| file.is_file())
+    Some(dir.join(BRDF)).filter(|file| file.is_file())
 }
 
 /// Reads `result.json` in a folder of results for one material; `None` if the file is missing or

@@ -14,7 +14,7 @@ use gonio_io::{Error, json};
 
 use crate::Warning;
 use crate::export::SUMMARY;
-use crate::results::{BRDF, EARLIER_BRDF, document_in};
+use crate::results::{BRDF, document_in};
 
 /// Share of a photograph's pixels outside the gamut of Rec. 709 above which a warning reports them.
 const OUTSIDE_GAMUT: f64 = 0.01;
@@ -144,7 +144,7 @@ pub fn read_brdf(path: &Path) -> Result<MerlTable, Error> {
 /// Returns the colour space of a BRDF from the JSON file beside it.
 fn space_of_brdf(path: &Path) -> Result<ColourSpace, Error> {
     let file = path.file_name().unwrap_or_default().to_string_lossy();
-    if let Some(folder) = path.parent().filter(|_| [BRDF, EARLIER_BRDF].contains(&&*file))
+    if let Some(folder) = path.parent().filter(|_| file == BRDF)
         && let Some(document) = document_in(folder)?
     {
         return Ok(ColourSpace::named(&document.colorspace.output).unwrap_or_default());
@@ -198,14 +198,13 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let write = |name: &str, value: Value| std::fs::write(dir.path().join(name), value.to_string()).unwrap();
         let space = |name: &str| space_of_brdf(&dir.path().join(name)).unwrap();
-        assert_eq!(space("brdf.binary"), ColourSpace::Rec709);
+        assert_eq!(space("brdf.npz"), ColourSpace::Rec709);
         write(RESULT, json!({ "format": "gonio-result", "colorspace": { "output": "acescg" } }));
-        assert_eq!(space("brdf.npz"), ColourSpace::AcesCg);
-        assert_eq!((space("brdf.binary"), space("other.binary")), (ColourSpace::AcesCg, ColourSpace::Rec709));
+        assert_eq!((space("brdf.npz"), space("other.npz")), (ColourSpace::AcesCg, ColourSpace::Rec709));
         write(SUMMARY, json!({ "exports": { "bsdf": { "files": ["brdf_rgb.bsdf"], "colorspace": "rec2020" } } }));
         assert_eq!(space("brdf_rgb.bsdf"), ColourSpace::Rec2020);
         write(RESULT, json!({ "colorspace": 3 }));
-        assert_eq!(space("brdf.binary"), ColourSpace::Rec709);
+        assert_eq!(space("brdf.npz"), ColourSpace::Rec709);
         // A damaged result is an error: its colours would be wrong.
         write(RESULT, json!({ "format": "gonio-result", "version": 2, "colorspace": 3 }));
         assert!(space_of_brdf(&dir.path().join("brdf.npz")).is_err());

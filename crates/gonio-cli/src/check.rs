@@ -9,7 +9,7 @@ use gonio_io::picture::{encode_png_signed, is_signed};
 use gonio_io::result::ReferenceKind;
 use serde_json::json;
 
-use crate::input;
+use crate::input::{self, require_extension};
 use crate::outcome::Outcome;
 use crate::progress::ProgressLine;
 use crate::scene::SceneOptions;
@@ -38,9 +38,7 @@ impl CheckOptions {
     fn output(&self) -> Result<PathBuf> {
         let image = self.scene.image();
         if let Some(output) = &self.output {
-            if output.extension().is_none_or(|e| !e.eq_ignore_ascii_case("png")) {
-                bail!("{}: the output must be a .png file", output.display());
-            }
+            require_extension(output, "png")?;
             if self.scene.images.contains(output) {
                 bail!("{}: the output would overwrite the photograph; specify another name", output.display());
             }

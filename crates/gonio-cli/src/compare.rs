@@ -10,6 +10,7 @@ use gonio_report::compare::Comparison;
 use serde_json::json;
 
 use crate::batch;
+use crate::input::require_extension;
 use crate::outcome::Outcome;
 use crate::progress::StageProgress;
 use crate::suggestion::plain;
@@ -47,9 +48,7 @@ impl CompareOptions {
             }
             return Ok(output);
         };
-        if output.extension().is_none_or(|e| !e.eq_ignore_ascii_case("html")) {
-            bail!("{}: the output must be an .html file", output.display());
-        }
+        require_extension(output, "html")?;
         Ok(output.clone())
     }
 

@@ -16,7 +16,7 @@ use gonio_io::posterior::FILE;
 use gonio_io::result::ExportEntry;
 use serde_json::json;
 
-use crate::input;
+use crate::input::{self, parse_share};
 use crate::outcome::Outcome;
 use crate::progress::StageProgress;
 use crate::space::OutputSpace;
@@ -40,7 +40,7 @@ pub(crate) struct ExportOptions {
     ///
     /// A photograph under unknown light does not determine the albedo. If a target is the model of
     /// a renderer, gonio scales such a BRDF to the albedo at which these models fit best.
-    #[arg(long, value_name = "ALBEDO", value_parser = parse_albedo, allow_negative_numbers = true)]
+    #[arg(long, value_name = "ALBEDO", value_parser = parse_share, allow_negative_numbers = true)]
     albedo: Option<f64>,
     /// Also write each fitted model as a MERL table (.binary), to compare it with the BRDF
     #[arg(long)]
@@ -72,13 +72,6 @@ impl ValueEnum for TargetName {
         let (name, help) = self.0.names();
         Some(PossibleValue::new(name).help(help))
     }
-}
-
-fn parse_albedo(text: &str) -> Result<f64, String> {
-    text.parse()
-        .ok()
-        .filter(|a: &f64| *a > 0.0 && *a <= 1.0)
-        .ok_or_else(|| "expected a number above 0 and at most 1".into())
 }
 
 pub(crate) fn run(options: &ExportOptions) -> Result<Outcome> {
@@ -114,7 +107,7 @@ pub(crate) fn run(options: &ExportOptions) -> Result<Outcome> {
     let light = if is_folder { light_of_results(&options.input).map_err(plain)? } else { None };
     let folder = for_exports(&output).map_err(plain)?;
     let targets = wanted(options);
-    let colours = [0, 1, 2].map(|c| table.bivariate(c));
+    let colours = table.to_bivariate();
     let (draws, undrawn) = drawn(options, is_folder)?;
     let export = Export {
         name,

@@ -16,7 +16,7 @@ use gonio_io::result::Reference;
 use gonio_paper::{PaperMethod, PaperSettings, Solver};
 use serde_json::json;
 
-use crate::input;
+use crate::input::{self, numbers};
 use crate::light::{Reflectance, parse_reflectance};
 use crate::outcome::Outcome;
 use crate::progress::ProgressLine;
@@ -172,12 +172,10 @@ enum ColourName {
 #[derive(Clone, Copy, Debug, PartialEq, clap::ValueEnum)]
 enum MethodName {
     /// Learnt posterior of the material, marginalised over captured lights
-    #[value(alias = "marginal")]
     Learnt,
     /// Separable posterior of light and reflectance (Algorithm 1 of the paper)
     Variational,
     /// Joint MAP estimate of light and reflectance; inaccurate, for comparison with the paper
-    #[value(alias = "map")]
     JointMap,
     /// Posterior of the material under the light of --light or --mirror-ball
     KnownLight,
@@ -216,8 +214,7 @@ pub(crate) fn parse_yes(text: &str) -> Result<bool, String> {
 
 /// Parses `R,G,B`: three positive linear numbers.
 fn parse_light(text: &str) -> Result<ColourMode, String> {
-    let numbers: Result<Vec<f64>, _> = text.split(',').map(|s| s.trim().parse()).collect();
-    let light: Option<[f64; 3]> = numbers.ok().and_then(|numbers| numbers.try_into().ok());
+    let light: Option<[f64; 3]> = numbers(text).and_then(|numbers| numbers.try_into().ok());
     light.and_then(ColourMode::under).ok_or_else(|| "expected three positive linear numbers, R,G,B".into())
 }
 

@@ -21,6 +21,26 @@ pub(crate) fn light(path: &Path, space: Option<ColourSpace>) -> Result<Environme
     gonio_app::read_light(path, space).map_err(plain)
 }
 
+/// Parses numbers that are separated by commas; `None` if one is not a number.
+pub(crate) fn numbers(text: &str) -> Option<Vec<f64>> {
+    text.split(',').map(|number| number.trim().parse().ok()).collect()
+}
+
+/// Parses an albedo or a reflectance.
+pub(crate) fn parse_share(text: &str) -> Result<f64, String> {
+    let number = text.parse().ok().filter(|share: &f64| *share > 0.0 && *share <= 1.0);
+    number.ok_or_else(|| "expected a number above 0 and at most 1".into())
+}
+
+/// Checks that an output file has this extension.
+pub(crate) fn require_extension(output: &Path, extension: &str) -> Result<()> {
+    if output.extension().is_none_or(|found| !found.eq_ignore_ascii_case(extension)) {
+        let article = if extension == "png" { "a" } else { "an" };
+        bail!("{}: the output must be {article} .{extension} file", output.display());
+    }
+    Ok(())
+}
+
 /// Argument that stands for standard input.
 const STDIN: &str = "-";
 

@@ -7,7 +7,7 @@ use gonio::scene::Circle;
 use gonio_app::{ProbePhotographs, ProgressLog, Reading, Scene, Shape, ShapeKind, Source, light_probe};
 use serde_json::json;
 
-use crate::input;
+use crate::input::{self, numbers, require_extension};
 use crate::merge::write_all;
 use crate::outcome::Outcome;
 use crate::progress::ProgressLine;
@@ -61,7 +61,7 @@ pub(crate) struct LightOptions {
     /// Positive angles are counterclockwise as seen from above: the second camera is to the right
     /// of the first. By default, gonio estimates the angle at which both environment maps agree
     /// best.
-    #[arg(long, alias = "second-yaw", value_name = "DEGREES", requires = "second", allow_negative_numbers = true)]
+    #[arg(long, value_name = "DEGREES", requires = "second", allow_negative_numbers = true)]
     second_azimuth: Option<f64>,
     /// Mask of the ball in the second photograph
     #[arg(long, value_name = "FILE", requires = "second")]
@@ -83,10 +83,9 @@ pub(crate) struct LightOptions {
 pub(crate) struct Reflectance(pub(crate) [f64; 3]);
 
 pub(crate) fn parse_reflectance(text: &str) -> Result<Reflectance, String> {
-    let numbers: Result<Vec<f64>, _> = text.split(',').map(|s| s.trim().parse()).collect();
-    let channels = match numbers.as_deref() {
-        Ok(&[all]) => Some([all; 3]),
-        Ok(&[r, g, b]) => Some([r, g, b]),
+    let channels = match numbers(text).as_deref() {
+        Some(&[all]) => Some([all; 3]),
+        Some(&[r, g, b]) => Some([r, g, b]),
         _ => None,
     };
     let channels = channels.filter(|c| c.iter().all(|share| *share > 0.0 && *share <= 1.0));
@@ -124,9 +123,7 @@ impl LightOptions {
 
 pub(crate) fn run(options: &LightOptions) -> Result<Outcome> {
     let output = &options.output;
-    if output.extension().is_none_or(|e| !e.eq_ignore_ascii_case("exr")) {
-        bail!("{}: the output must be an .exr file", output.display());
-    }
+    require_extension(output, "exr")?;
     if options.images.iter().chain(&options.second).any(|image| image == output) {
         bail!("{}: the output would overwrite the photograph; specify another name", output.display());
     }

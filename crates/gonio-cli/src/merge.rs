@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Result, bail};
+use anyhow::Result;
 use glam::Vec3;
 use gonio::bracket::{MergeReport, Merged, MergedPixelStatus};
 use gonio::picture::Plane;
@@ -13,6 +13,7 @@ use gonio_io::colour_space::ColourSpace;
 use gonio_io::picture::{ExrOptions, encode_exr_with, encode_png, encode_response};
 use serde_json::json;
 
+use crate::input::require_extension;
 use crate::outcome::Outcome;
 use crate::reading::ReadingOptions;
 use crate::suggestion::{self, plain};
@@ -39,9 +40,7 @@ pub(crate) struct MergeOptions {
 }
 
 pub(crate) fn run(options: &MergeOptions) -> Result<Outcome> {
-    if options.output.extension().is_none_or(|e| !e.eq_ignore_ascii_case("exr")) {
-        bail!("{}: the output must be an .exr file", options.output.display());
-    }
+    require_extension(&options.output, "exr")?;
     let mut warnings = Vec::new();
     let bracket = merge_files(&options.images, &options.reading.reading(), &mut warnings).map_err(plain)?;
     let merged = &bracket.merged;

@@ -13,7 +13,7 @@ use gonio::scene::{Circle, Detection, Object, ObservationSettings, SceneError};
 use gonio::suggestion::Suggestion;
 use gonio_app::document::{self, ShapeOrigin};
 use gonio_app::photograph::decode_picture;
-use gonio_app::results::{EARLIER_BRDF, LIGHT, LIGHT_ROWS, RESULT};
+use gonio_app::results::{LIGHT, LIGHT_ROWS, RESULT};
 use gonio_app::{AS_CAPTURED, Method, Spaces, contradiction};
 use gonio_io::picture::ReadOptions;
 use gonio_io::result::{self, ResultDocument};
@@ -48,7 +48,7 @@ impl Product {
     /// Returns the product with this file name.
     pub fn named(name: &str) -> Option<Self> {
         match name {
-            EARLIER_BRDF => Some(Self::Merl),
+            "brdf.binary" => Some(Self::Merl),
             "brdf_rgb.bsdf" => Some(Self::Mitsuba),
             LIGHT => Some(Self::Light),
             RESULT => Some(Self::Result),

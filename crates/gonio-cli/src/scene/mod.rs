@@ -10,7 +10,7 @@ use gonio::scene::Circle;
 use gonio_app::regions::Regions;
 use gonio_app::{Scene, Source};
 
-use crate::input;
+use crate::input::{self, numbers};
 use crate::reading::ReadingOptions;
 use crate::surface::SurfaceOptions;
 use reference::ReferenceOptions;
@@ -52,7 +52,7 @@ pub(crate) struct SceneOptions {
     ///
     /// Each region has its own index or colour; the rest is black. gonio estimates one BRDF per
     /// region.
-    #[arg(long, alias = "materials", value_name = "LABELS", help_heading = FINDING)]
+    #[arg(long, value_name = "LABELS", help_heading = FINDING)]
     pub(crate) regions: Option<PathBuf>,
     /// Also use pixels of another colour or of a second paint, and small spots such as dust
     ///
@@ -95,9 +95,8 @@ fn parse_positive(text: &str) -> Result<f64, String> {
 }
 
 pub(crate) fn parse_circle(text: &str) -> Result<Circle, String> {
-    let numbers: Result<Vec<f64>, _> = text.split(',').map(|s| s.trim().parse()).collect();
-    match numbers.as_deref() {
-        Ok(&[x, y, radius]) if radius > 0.0 => Ok(Circle { x, y, radius }),
+    match numbers(text).as_deref() {
+        Some(&[x, y, radius]) if radius > 0.0 => Ok(Circle { x, y, radius }),
         _ => Err("expected three numbers, X,Y,RADIUS, in pixels".into()),
     }
 }

@@ -8,6 +8,7 @@ use gonio::scene::Circle;
 use gonio_app::{Reference, ReferenceTarget, Source};
 
 use super::parse_circle;
+use crate::input::{numbers, parse_share};
 
 /// Options for a neutral reference.
 #[derive(clap::Args)]
@@ -40,7 +41,7 @@ pub(super) struct ReferenceOptions {
           value_parser = parse_chart)]
     color_checker: Option<ChartPlace>,
     /// Diffuse reflectance of the reference [default: 0.9 for --white, otherwise 0.18]
-    #[arg(long, value_name = "R", value_parser = parse_reflectance)]
+    #[arg(long, value_name = "R", value_parser = parse_share)]
     reference_reflectance: Option<f64>,
     /// Use the colour of the reference, but not its brightness
     ///
@@ -58,19 +59,13 @@ fn parse_chart(text: &str) -> Result<ChartPlace, String> {
     if text == "auto" {
         return Ok(ChartPlace(None));
     }
-    let numbers: Result<Vec<f64>, _> = text.split(',').map(|s| s.trim().parse()).collect();
-    match numbers.as_deref() {
-        Ok(&[a, b, c, d, e, f, g, h]) => Ok(ChartPlace(Some([(a, b), (c, d), (e, f), (g, h)]))),
+    match numbers(text).as_deref() {
+        Some(&[a, b, c, d, e, f, g, h]) => Ok(ChartPlace(Some([(a, b), (c, d), (e, f), (g, h)]))),
         _ => {
             Err("expected auto or eight numbers, X,Y of four corner patches; put the photograph before this option"
                 .into())
         }
     }
-}
-
-fn parse_reflectance(text: &str) -> Result<f64, String> {
-    let number = text.parse().ok().filter(|r: &f64| *r > 0.0 && *r <= 1.0);
-    number.ok_or_else(|| "expected a number above 0 and at most 1".into())
 }
 
 impl ReferenceOptions {
@@ -117,7 +112,7 @@ mod tests {
         for wrong in ["", "photo.exr", "1,2,3,4,5,6,7", "1,2,3,4,5,6,7,8,9", "a,b,c,d,e,f,g,h"] {
             assert!(parse_chart(wrong).is_err(), "{wrong}");
         }
-        assert!(parse_reflectance("0.18") == Ok(0.18) && parse_reflectance("1") == Ok(1.0));
-        assert!(["0", "1.1", "-1", "nan", "x"].iter().all(|wrong| parse_reflectance(wrong).is_err()));
+        assert!(parse_share("0.18") == Ok(0.18) && parse_share("1") == Ok(1.0));
+        assert!(["0", "1.1", "-1", "nan", "x"].iter().all(|wrong| parse_share(wrong).is_err()));
     }
 }

@@ -7,6 +7,7 @@ use gonio::shape::DepthKind;
 use gonio_app::{NormalMap, PositionSource, Shape, ShapeKind, Source};
 
 use super::SceneOptions;
+use crate::input::numbers;
 
 /// Names of shapes.
 #[derive(Clone, Copy, clap::ValueEnum)]
@@ -79,9 +80,8 @@ fn parse_error(text: &str) -> Result<f64, String> {
 }
 
 fn parse_range(text: &str) -> Result<(f64, f64), String> {
-    let numbers: Result<Vec<f64>, _> = text.split(',').map(|s| s.trim().parse()).collect();
-    match numbers.as_deref() {
-        Ok(&[near, far]) if near != far && near.is_finite() && far.is_finite() => Ok((near, far)),
+    match numbers(text).as_deref() {
+        Some(&[near, far]) if near != far && near.is_finite() && far.is_finite() => Ok((near, far)),
         _ => Err("expected two different numbers, NEAR,FAR".into()),
     }
 }

@@ -9,7 +9,6 @@ use serde::{Deserialize, Serialize};
 pub struct Colour {
     /// Origin of the colours: `estimate`, `median` (the median colour of the photograph, which
     /// includes the colour of the light), `grey photograph`, or `none`.
-    #[serde(alias = "how")]
     pub source: String,
     /// Assumption on the colour of the light, in words.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -44,7 +43,7 @@ pub struct UncertainColour {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub log_chroma_sd: Option<[f64; 2]>,
     /// Colours at the 5, 25, 50, 75 and 95 % quantiles along the most uncertain direction.
-    #[serde(default, alias = "strip", skip_serializing_if = "Vec::is_empty")]
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub quantile_colours: Vec<[f64; 3]>,
 }
 

@@ -1,9 +1,8 @@
 //! The document `result.json`: all numbers of an estimate, without its tables and pictures.
 //!
 //! [`ResultDocument`] is the result for one material, [`RegionsDocument`] the list of the regions
-//! of a photograph. Both are written with [`encode`] and read with [`read`], which also accepts
-//! documents of version 1. `docs/result.schema.json` is the JSON schema of the types in this
-//! module.
+//! of a photograph. Both are written with [`encode`] and read with [`read`].
+//! `docs/result.schema.json` is the JSON schema of the types in this module.
 
 mod colour;
 mod export;
@@ -11,7 +10,6 @@ mod light;
 mod observations;
 mod paper;
 mod posterior;
-mod version_1;
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -213,8 +211,7 @@ pub enum ResultFile {
     Regions(RegionsDocument),
 }
 
-/// Reads `result.json`. Documents of version 1 are converted; they keep the material, its colours,
-/// its scale, misfit, warnings and times.
+/// Reads `result.json`.
 ///
 /// # Errors
 /// If the file cannot be read, is longer than 16 MiB, or is not a result of gonio.
@@ -244,17 +241,17 @@ pub fn region_folders(path: &Path) -> Option<Vec<String>> {
 
 fn of_value(path: &Path, document: Value) -> Result<ResultFile, Error> {
     let damaged = |error: serde_json::Error| Error::damaged(path, format!("is not a valid result of gonio: {error}"));
-    let (format, version) = (document["format"].as_str(), document["version"].as_u64().unwrap_or(1));
+    let format = document["format"].as_str();
     if !matches!(format, Some(FORMAT | REGIONS_FORMAT)) {
         return Err(Error::invalid(path, "is not a result of gonio infer", "specify a folder that gonio infer wrote"));
     }
-    if version > u64::from(VERSION) {
-        let problem = format!("has version {version} of the format, but this gonio reads versions up to {VERSION}");
-        return Err(Error::unsupported(path, problem, "update gonio"));
+    let version = document["version"].as_u64().unwrap_or(VERSION.into());
+    if version != u64::from(VERSION) {
+        let problem = format!("has version {version} of the format, but this gonio reads version {VERSION}");
+        let remedy = if version > u64::from(VERSION) { "update gonio" } else { "run gonio infer again" };
+        return Err(Error::unsupported(path, problem, remedy));
     }
-    let regions = format == Some(REGIONS_FORMAT);
-    let document = if version == 1 { version_1::converted(document) } else { document };
-    if regions {
+    if format == Some(REGIONS_FORMAT) {
         return Ok(ResultFile::Regions(serde_json::from_value(document).map_err(damaged)?));
     }
     Ok(ResultFile::Material(serde_json::from_value(document).map_err(damaged)?))

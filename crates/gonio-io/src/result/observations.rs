@@ -72,7 +72,6 @@ pub enum Shape {
         /// Name of the mesh.
         mesh: String,
         /// Defects of the mesh.
-        #[serde(alias = "soundness")]
         defects: MeshReport,
         /// The camera.
         projection: Projection,
@@ -88,7 +87,7 @@ pub enum Shape {
         #[serde(default, skip_serializing_if = "Option::is_none")]
         geometry: Option<String>,
         /// Defects of the surface from that map.
-        #[serde(default, skip_serializing_if = "Option::is_none", alias = "soundness")]
+        #[serde(default, skip_serializing_if = "Option::is_none")]
         defects: Option<MeshReport>,
         /// The camera.
         #[serde(default, skip_serializing_if = "Option::is_none")]

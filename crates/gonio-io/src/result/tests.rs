@@ -68,53 +68,13 @@ fn numbers_that_are_not_finite_can_be_read_again() {
 }
 
 #[test]
-fn version_1_keeps_material_colour_and_residual() {
-    let old = json!({
-        "format": "gonio-result", "version": 1, "gonio": "0.1.0", "image": "ball.exr", "method": "learnt",
-        "model": { "provenance": "p", "rank": 8, "map": "folded" },
-        "observations": { "circle": { "x": 1, "y": 1, "radius": 1 } },
-        "posterior": {
-            "materials": [{ "name": "brass", "weight": 0.5 }], "undetermined": 0.1,
-            "wide": { "factor": 3.0, "share": 0.2 }, "strangeness": 0.01, "scatter": 0.02,
-            "gloss": {
-                "5": 1.0, "50": 2.0, "95": 8.0, "factor": 8.0, "finish": "satin", "verdict": "satin: roughness 0.4",
-                "roughness": { "5": 0.3, "50": 0.4, "95": 0.5 },
-            },
-        },
-        "reflectance": { "quantiles": "brdf.npz", "note": "words" },
-        "colour": { "how": "estimate", "body": { "rgb": [1.0, 1.0, 1.0], "log_chroma": [0.0, 0.0], "strip": [] } },
-        "noise": { "sd": 0.1, "relative": 0.2, "misfit": 0.05, "expected": 0.03 },
-        "colorspace": { "output": "acescg" }, "warnings": ["odd"], "seconds": { "total": 3.0 },
+fn regions_are_read() {
+    let document = json!({
+        "format": "gonio-regions", "version": 2, "gonio": "0.1.0", "image": "two.exr", "method": "learnt",
+        "regions": [{ "name": "1", "folder": "1", "relative_albedo": null, "misfit": 0.1 }], "warnings": [],
     });
-    let new = material(&old);
-    let posterior = new.posterior.unwrap();
-    assert_eq!(posterior.highlight.peak_to_body.quantiles, [1.0, 2.0, 8.0].into());
-    assert_eq!((&*posterior.highlight.finish, posterior.highlight.ggx_alpha), ("satin", None));
-    assert_eq!((posterior.out_of_distribution, posterior.materials[0].weight), (Some(0.01), 0.5));
-    let residual = new.residual.unwrap();
-    assert_eq!((residual.misfit, residual.expected, residual.relative_noise), (Some(0.05), Some(0.03), Some(0.2)));
-    assert_eq!((new.reflectance.absolute, new.reflectance.normal_albedo), (false, 0.5));
-    assert_eq!((&*new.colorspace.output, new.version, new.observations), ("acescg", 2, None));
-    for empty in
-        [json!({}), json!({ "posterior": {}, "noise": {} }), json!({ "posterior": { "gloss": { "5": null } } })]
-    {
-        let mut old = empty;
-        old["format"] = json!("gonio-result");
-        assert_eq!(material(&old).posterior, None);
-    }
-}
-
-#[test]
-fn regions_of_both_versions_are_read() {
-    for version in [1, 2] {
-        let document = json!({
-            "format": "gonio-regions", "version": version, "gonio": "0.1.0", "image": "two.exr", "method": "learnt",
-            "regions": [{ "name": "1", "folder": "1", "relative_albedo": null, "gloss": [1, 2, 3], "misfit": 0.1 }],
-            "warnings": [], "note": "words",
-        });
-        let ResultFile::Regions(regions) = written(&document).unwrap() else { panic!("not regions") };
-        assert_eq!((regions.regions[0].folder.as_str(), regions.regions[0].misfit), ("1", 0.1));
-    }
+    let ResultFile::Regions(regions) = written(&document).unwrap() else { panic!("not regions") };
+    assert_eq!((regions.regions[0].folder.as_str(), regions.regions[0].misfit), ("1", 0.1));
 }
 
 #[test]
@@ -123,6 +83,7 @@ fn errors_name_the_file_and_the_cause() {
     assert!(error(json!({ "format": "gonio-export" })).contains("not a result of gonio infer"));
     assert!(error(json!([1])).contains("not a result of gonio infer"));
     assert!(error(json!({ "format": "gonio-result", "version": 9 })).contains("update gonio"));
+    assert!(error(json!({ "format": "gonio-result", "version": 1 })).contains("run gonio infer again"));
     let wrong = error(json!({ "format": "gonio-result", "version": 2, "posterior": { "materials": 3 } }));
     assert!(wrong.starts_with("out/result.json: is not a valid result") && !wrong.contains('\n'), "{wrong}");
 }

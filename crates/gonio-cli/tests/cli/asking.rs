@@ -131,9 +131,7 @@ fn errors_contain_a_hint() {
     let bench = Bench::with_light_and_material();
     bench.write("a.exr", &exr(&ball()));
     bench.write("b.exr", &exr(&ball()));
-    std::fs::create_dir_all(bench.path("out")).unwrap();
     std::fs::create_dir_all(bench.path("empty")).unwrap();
-    std::fs::copy(bench.path("in.binary"), bench.path("out/brdf.binary")).unwrap();
     for (line, message) in [
         ("a.exr", "gonio infer a.exr"),
         ("none.exr --json=x", "gonio infer none.exr"),

@@ -101,7 +101,7 @@ fn rejects_invalid_tables() {
         bench.refuses("batch photos/bad.csv -o x", &["photos/bad.csv", message]);
     }
     // Aliases of options are columns, too.
-    bench.write("photos/bad.csv", b"image,materials\nball.exr,none.png\n");
+    bench.write("photos/bad.csv", b"image,gray-card\nball.exr,none.png\n");
     let run = bench.run("batch photos/bad.csv -o aliases");
     assert!(run.code != Some(0) && format!("{run:?}").contains("none.png: cannot open"), "{run:?}");
     bench.refuses("batch none.csv -o x", &["none.csv: cannot open"]);

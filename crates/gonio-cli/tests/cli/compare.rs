@@ -5,7 +5,7 @@ use std::fs::{self, File};
 use gonio_io::result_brdf::{self, ResultBrdf};
 use serde_json::{Value, json};
 
-use crate::support::{ANSWER, Bench, WITH_PAGES};
+use crate::support::{ANSWER, Bench, WITH_PAGES, attributes};
 
 /// Writes the result of the ball to a folder, and applies `change` to its `result.json`.
 fn result(bench: &Bench, folder: &str, change: impl FnOnce(&mut Value)) {
@@ -17,12 +17,6 @@ fn result(bench: &Bench, folder: &str, change: impl FnOnce(&mut Value)) {
 
 fn page(bench: &Bench, name: &str) -> String {
     String::from_utf8(bench.read(name)).unwrap()
-}
-
-/// Returns all values of an attribute.
-fn attributes<'a>(page: &'a str, name: &str) -> Vec<&'a str> {
-    let start = format!(" {name}=\"");
-    page.split(&start).skip(1).map(|rest| rest.split('"').next().unwrap()).collect()
 }
 
 /// Sets the interval of the peak far above that of the ball.
@@ -99,38 +93,33 @@ fn escapes_names_and_notes() {
 }
 
 #[test]
-fn accepts_older_results_and_missing_files() {
+fn accepts_missing_files() {
     let bench = Bench::new();
     result(&bench, "whole", |_| ());
-    result(&bench, "old", |notes| {
-        *notes = json!({
-            "format": "gonio-result", "version": 1,
-            "posterior": {
-                "gloss": notes["posterior"]["highlight"]["peak_to_body"], "materials": notes["posterior"]["materials"],
-            },
-        });
+    result(&bench, "bare", |notes| {
+        notes.as_object_mut().unwrap().retain(|name, _| ["format", "version", "posterior"].contains(&&**name));
     });
     result(&bench, "damaged", |notes| *notes = json!({ "format": "gonio-result" }));
     for file in ["brdf.npz", "relit.png", "summary.png"] {
-        fs::remove_file(bench.path("old").join(file)).unwrap();
+        fs::remove_file(bench.path("bare").join(file)).unwrap();
         bench.write(&format!("damaged/{file}"), b"cut short");
     }
-    let run = bench.run("compare whole old damaged").succeeds();
-    assert!(run.stdout.contains("whole and old agree within their intervals"), "{run:?}");
+    let run = bench.run("compare whole bare damaged").succeeds();
+    assert!(run.stdout.contains("whole and bare agree within their intervals"), "{run:?}");
     assert!(run.stdout.contains("Agreement of whole and damaged is unknown: damaged has no intervals"), "{run:?}");
     let page = page(&bench, "compare.html");
     assert_eq!(attributes(&page, "src").len(), 2);
     assert!(
-        page.contains("old: does not contain brdf.npz") && page.contains("damaged/brdf.npz: "),
+        page.contains("bare: does not contain brdf.npz") && page.contains("damaged/brdf.npz: "),
         "the page reports the faults"
     );
     assert!(page.contains("damaged/relit.png: "));
     // Sparse files of 8 TiB.
-    File::create(bench.path("old/brdf.binary")).unwrap().set_len(1 << 43).unwrap();
-    File::create(bench.path("old/relit.png")).unwrap().set_len(1 << 43).unwrap();
-    bench.run("compare whole old").succeeds();
-    File::create(bench.path("old/result.json")).unwrap().set_len(1 << 43).unwrap();
-    bench.refuses("compare whole old", &["old/result.json: is larger than"]);
+    File::create(bench.path("bare/brdf.npz")).unwrap().set_len(1 << 43).unwrap();
+    File::create(bench.path("bare/relit.png")).unwrap().set_len(1 << 43).unwrap();
+    bench.run("compare whole bare").succeeds();
+    File::create(bench.path("bare/result.json")).unwrap().set_len(1 << 43).unwrap();
+    bench.refuses("compare whole bare", &["bare/result.json: is larger than"]);
 }
 
 #[test]

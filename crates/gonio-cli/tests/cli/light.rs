@@ -144,7 +144,7 @@ fn infers_a_brdf_with_the_light() {
         let line = format!("infer matte.exr --light {light} --align-light fixed -o {out}");
         bench.run(&line).succeeds();
         let brdf = gonio_io::brdf::read(bench.path(&format!("{out}/brdf.npz"))).unwrap();
-        BivariateTable::luminance(&[0, 1, 2].map(|c| brdf.bivariate(c)))
+        BivariateTable::luminance(&brdf.to_bivariate())
     };
     let (exact, unwrapped) = (found("light.hdr", "exact"), found("probe.exr", "out"));
     // Cells with both angles below 80 degrees; cells beyond are not observed.
@@ -192,7 +192,7 @@ fn infers_a_brdf_with_a_mirror_ball_in_the_photograph() {
     );
     let table = |name: &str| {
         let brdf = gonio_io::brdf::read(bench.path(name)).unwrap();
-        BivariateTable::luminance(&[0, 1, 2].map(|c| brdf.bivariate(c)))
+        BivariateTable::luminance(&brdf.to_bivariate())
     };
     let (found, truth) = (table("out/brdf.npz"), table("in.binary"));
     let ratio = found.normal_albedo() / truth.normal_albedo();

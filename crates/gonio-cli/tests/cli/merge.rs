@@ -249,8 +249,10 @@ fn rejects_invalid_brackets() {
         ("2.png 3.png --layer x", &["a layer applies only to OpenEXR files"]),
     ] {
         bench.refuses(&format!("merge {files} -o out.exr"), message);
-        bench.refuses(&format!("infer {files} -o out"), message);
     }
+    // All commands read brackets in the same way.
+    bench.refuses("infer 2.png untimed.png -o out", &["untimed.png: has no exposure time", "--times"]);
+    bench.refuses("infer 2.png hdr.exr -o out", &["hdr.exr: contains radiance"]);
     bench.refuses("merge 2.png 3.png -o out.png", &["out.png: the output must be an .exr file"]);
     bench.refuses("merge -o out.exr", &["IMAGE"]);
     bench.refuses(

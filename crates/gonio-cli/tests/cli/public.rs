@@ -22,19 +22,14 @@ fn roughness(bench: &Bench, line: &str) -> f64 {
 
 #[test]
 fn variants_of_a_photograph_give_its_estimate() {
+    // `gonio-io/tests/io/public.rs` compares the pixels of the other variants.
     let variants = [
         ("hot-pixel.exr", &["hot-pixel.exr"][..]),
-        ("alpha-opaque.exr", &["alpha-opaque.exr"]),
-        ("linear-gama-1.png", &["linear-gama-1.png"]),
-        ("linear-icc.png", &["linear-icc.png"]),
         ("chromaticities-ap0.exr", &["chromaticities-ap0.exr"]),
-        ("photoshop.pfm", &["photoshop.pfm"]),
         (
             "ball-clutter.exr --normals normals-flat-background.png",
             &["ball-clutter.exr", "normals-flat-background.png"],
         ),
-        ("ball.exr --normals normals.jpg --mask mask.png", &["normals.jpg", "mask.png"]),
-        ("ball.exr --normals normals-0-1.exr", &["normals-0-1.exr"]),
         (
             "ball.exr --normals normals-averaged.npy --mask mask-averaged.png",
             &["normals-averaged.npy", "mask-averaged.png"],

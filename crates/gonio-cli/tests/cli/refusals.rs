@@ -37,19 +37,18 @@ fn rejects_invalid_photographs() {
         ("one.exr", "one.exr: no object found"),
     ] {
         bench.refuses(&format!("infer {image} -o out"), &[message]);
-        bench.refuses(&format!("infer {image} -o deep/er/out"), &[message]);
     }
+    bench.refuses("infer black.exr -o deep/er/out", &["black.exr: the object is entirely black"]);
     bench.refuses("infer", &["<IMAGE>"]);
 }
 
 #[test]
-fn help_and_version_succeed() {
+fn help_succeeds() {
     let bench = Bench::new();
-    for line in ["--help", "--version", "infer --help", "train lighting --help"] {
+    for line in ["--help", "train lighting --help"] {
         let run = bench.run(line).succeeds();
         assert!(run.stderr.is_empty() && run.stdout.contains("gonio"), "{run:?}");
     }
-    bench.refuses("guess", &["'guess'"]);
 }
 
 #[cfg(unix)]
@@ -123,28 +122,14 @@ fn rejects_invalid_normals() {
     bench.refuses("infer ball.exr -o out --normals normals.npy --circle 9,9,9", &["--circle", "--normals"]);
 }
 
-/// Encodes the embedded model with `old` replaced by `new`, which has the same length.
-fn edited_model(old: &str, new: &str) -> Vec<u8> {
-    let mut bytes = gonio_io::model::encode_model(&gonio_io::model::embedded().unwrap());
-    let at = bytes.windows(old.len()).position(|w| w == old.as_bytes()).unwrap();
-    bytes[at..at + old.len()].copy_from_slice(new.as_bytes());
-    bytes
-}
-
 #[test]
 fn rejects_invalid_models() {
     let bench = Bench::with_ball();
-    bench.write("future.model", &edited_model("\"version\":\"1\"", "\"version\":\"2\""));
-    bench.write("kind.model", &edited_model("\"kind\":\"model\"", "\"kind\":\"medal\""));
-    let mut bytes = edited_model("gonio", "gonio");
-    bench.write("short.model", &bytes[..bytes.len() - 100]);
+    let mut bytes = gonio_io::model::encode_model(&gonio_io::model::embedded().unwrap());
     *bytes.last_mut().unwrap() ^= 1;
     bench.write("flipped.model", &bytes);
     for (model, message) in [
         ("none.model", "none.model: cannot open"),
-        ("future.model", "future.model: has format version 2, but version 1 is required"),
-        ("kind.model", "kind.model: contains unknown content"),
-        ("short.model", "short.model: does not have the length"),
         ("flipped.model", "flipped.model: does not match its checksum"),
         ("ball.exr", "ball.exr: is not a model"),
     ] {
@@ -160,6 +145,7 @@ fn rejects_invalid_lights_and_options() {
     bench.write("nan.exr", &grey(f32::NAN, 16, 8));
     for (options, message) in [
         ("--method known-light", "--light"),
+        ("--absolute", "--light"),
         ("--method joint-map --light square.exr", "--light MAP is for --method known-light"),
         ("--method known-light --light none.exr", "none.exr: cannot open"),
         ("--method known-light --light square.exr", "square.exr: a lat-long map must be twice as wide as high"),

@@ -76,7 +76,7 @@ fn rejects_invalid_labels() {
         ("many.png", "many.png: contains"),
         ("none.png", "none.png: cannot open"),
     ] {
-        bench.refuses(&format!("infer ball.exr -o out --materials {labels}"), &[message]);
+        bench.refuses(&format!("infer ball.exr -o out --regions {labels}"), &[message]);
     }
     bench.write("labels.png", &labels(SIZE, SIZE));
     bench.refuses("infer ball.exr -o out --regions labels.png --method joint-map", &["several materials"]);

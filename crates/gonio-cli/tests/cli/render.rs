@@ -21,10 +21,6 @@ fn rejects_invalid_input() {
     let bench = Bench::with_light_and_material();
     let good = bench.read("in.binary");
     bench.write("short.binary", &good[..good.len() / 2]);
-    bench.write("header.binary", &good[..7]);
-    let mut nan = good;
-    nan[12 + 8 * 1000..][..8].copy_from_slice(&f64::NAN.to_le_bytes());
-    bench.write("nan.binary", &nan);
     bench.write("square.exr", &grey(1.0, 8, 8));
     bench.write("black.exr", &grey(0.0, 16, 8));
     bench.write("negative.exr", &grey(-1.0, 16, 8));
@@ -35,8 +31,6 @@ fn rejects_invalid_input() {
         ("none.binary", "light.hdr", "x.exr", "none.binary"),
         ("in.binary", "none.hdr", "x.exr", "none.hdr"),
         ("short.binary", "light.hdr", "x.exr", "short.binary: is truncated"),
-        ("header.binary", "light.hdr", "x.exr", "header.binary: is truncated"),
-        ("nan.binary", "light.hdr", "x.exr", "nan.binary: has 1 values that are not finite"),
         ("light.hdr", "light.hdr", "x.exr", "light.hdr"),
         ("in.binary", "in.binary", "x.exr", "in.binary"),
         ("in.binary", "square.exr", "x.exr", "square.exr: a lat-long map must be twice as wide as high"),

@@ -1,19 +1,12 @@
 //! Tests of the report of `gonio infer`.
 
-use std::fs;
 use std::sync::LazyLock;
 
 use gonio::lighting::studio_light;
-use gonio_io::picture::encode_hdr;
+use gonio_io::picture::{ReadOptions, encode_hdr, read};
 use serde_json::Value;
 
-use crate::support::{Bench, WITH_PAGES};
-
-/// Returns all values of an attribute.
-fn attributes<'a>(page: &'a str, name: &str) -> Vec<&'a str> {
-    let start = format!(" {name}=\"");
-    page.split(&start).skip(1).map(|rest| rest.split('"').next().unwrap()).collect()
-}
+use crate::support::{Bench, WITH_PAGES, attributes, ball, exr, has_controls};
 
 /// Returns the data of the interactive sphere.
 fn sphere(page: &str) -> Value {
@@ -35,19 +28,41 @@ fn names(list: &Value) -> Vec<&str> {
     list.as_array().unwrap().iter().map(|entry| entry["name"].as_str().unwrap()).collect()
 }
 
-/// The report of the ball, and its `result.json`.
-static PAGE: LazyLock<(String, Value)> = LazyLock::new(|| {
-    let bench = Bench::with_ball();
-    // This name would end a text or an attribute if it were not escaped.
-    let name = "<b>&\"x.exr";
-    fs::rename(bench.path("ball.exr"), bench.path(name)).unwrap();
-    bench.run_with(&format!("infer {name} -o out --grid 8"), &WITH_PAGES).succeeds();
-    (String::from_utf8(bench.read("out/report.html")).unwrap(), bench.json("out/result.json"))
+/// File name with markup and terminal control characters.
+const NAME: &str = "<img src=x onerror=alert(1)>\u{1b}[31m\u{202e}&\"'.exr";
+
+/// Results of the ball.
+struct Page {
+    report: String,
+    result: Value,
+    /// Standard output and standard error of the program.
+    printed: String,
+}
+
+static PAGE: LazyLock<Page> = LazyLock::new(|| {
+    let bench = Bench::new();
+    bench.write(NAME, &exr(&ball()));
+    let output = bench.command("infer --grid 8").envs(WITH_PAGES).arg(NAME).output().unwrap();
+    let [stdout, stderr] = [output.stdout, output.stderr].map(|bytes| String::from_utf8(bytes).unwrap());
+    let printed = stdout + &stderr;
+    assert!(output.status.success(), "{printed}");
+    // The default folder is beside the photograph.
+    let folder = format!("{}-gonio", NAME.trim_end_matches(".exr"));
+    let report = String::from_utf8(bench.read(&format!("{folder}/report.html"))).unwrap();
+    Page { report, result: bench.json(&format!("{folder}/result.json")), printed }
 });
 
 #[test]
+fn messages_and_the_report_escape_malicious_names() {
+    let Page { report, printed, .. } = &*PAGE;
+    assert!(printed.contains("<img src=x") && !has_controls(printed), "{printed:?}");
+    assert!(report.contains("Material of &lt;img src=x onerror=alert(1)&gt;") && !report.contains("<img src=x"));
+    assert!(!report.contains('\u{1b}'), "the page contains an escape code");
+}
+
+#[test]
 fn the_report_is_self_contained() {
-    let page = &PAGE.0;
+    let page = &PAGE.report;
     assert!((500_000..4_000_000).contains(&page.len()), "{} bytes", page.len());
     for source in attributes(page, "src") {
         assert!(source.starts_with("data:image/png;base64,"), "{source:.80}");
@@ -61,7 +76,7 @@ fn the_report_is_self_contained() {
 
 #[test]
 fn the_report_has_all_sections_and_alt_texts() {
-    let page = &PAGE.0;
+    let page = &PAGE.report;
     // The pictures of maps are in SVG elements, which use `href` instead of `src`.
     let maps = attributes(page, "href").into_iter().filter(|link| link.starts_with("data:image")).count();
     assert!(maps == 2 && attributes(page, "src").len() + maps >= 13);
@@ -69,7 +84,6 @@ fn the_report_has_all_sections_and_alt_texts() {
     for id in ["found", "photograph", "reflectance", "trust", "renderers", "making"] {
         assert!(page.contains(&format!("<section id=\"{id}\">")), "{id}");
     }
-    assert!(page.contains("Material of &lt;b&gt;&amp;&quot;x") && !page.contains("<b>"));
     for word in ["principled", "BSDF_PRINCIPLED", "open_pbr_surface", "pbrMetallicRoughness"] {
         assert!(page.contains(word), "{word}");
     }
@@ -77,7 +91,7 @@ fn the_report_has_all_sections_and_alt_texts() {
 
 #[test]
 fn the_report_contains_materials_and_warnings() {
-    let (page, result) = &*PAGE;
+    let Page { report: page, result, .. } = &*PAGE;
     let data = sphere(page);
     assert_eq!(names(&data["materials"]).len(), 3);
     assert_eq!(names(&data["lights"]), ["studio", "clear sky", "lamps at night", "estimated light"]);
@@ -97,11 +111,16 @@ fn the_report_contains_materials_and_warnings() {
 }
 
 #[test]
-fn the_report_of_a_known_light_omits_the_uncertainty() {
+fn the_result_of_a_known_light_keeps_the_light_and_omits_the_uncertainty() {
     let bench = Bench::with_ball();
     bench.write("light.hdr", &encode_hdr(studio_light(32).radiance()));
     let line = "infer ball.exr -o out --starts 1 --normals normals.npy --method known-light-basis --light light.hdr";
     bench.run_with(line, &WITH_PAGES).succeeds();
+    let files = ["brdf.npz", "light.exr", "relit.png", "report.html", "result.json", "summary.png"];
+    assert_eq!(bench.names("out"), files);
+    let light = |name: &str| read(bench.path(name), &ReadOptions::default()).unwrap().picture.rgb;
+    assert_eq!(light("out/light.exr"), light("light.hdr"));
+    assert_eq!(bench.json("out/result.json")["light"]["coefficients"], serde_json::json!([1.0]));
     let page = String::from_utf8(bench.read("out/report.html")).unwrap();
     assert!(!page.contains("id=\"trust\"") && page.contains("id=\"renderers\""));
     assert_eq!(names(&sphere(&page)["materials"]), ["estimate"]);

@@ -199,6 +199,17 @@ pub(crate) static ANSWER: LazyLock<Files> = LazyLock::new(|| {
     bench.files("out")
 });
 
+/// Returns all values of an attribute in a page.
+pub(crate) fn attributes<'a>(page: &'a str, name: &str) -> Vec<&'a str> {
+    let start = format!(" {name}=\"");
+    page.split(&start).skip(1).map(|rest| rest.split('"').next().unwrap()).collect()
+}
+
+/// Whether a text contains control characters other than line feeds.
+pub(crate) fn has_controls(text: &str) -> bool {
+    text.chars().any(|c| (c.is_control() && c != '\n') || c == '\u{202e}')
+}
+
 /// Returns a diffuse material with a highlight; `width` is in radians.
 pub(crate) fn material(diffuse: f64, width: f64) -> BivariateTable {
     BivariateTable::from_fn(|h, d| diffuse + 0.8 * (1.0 + d) * (-(h / width).powi(2)).exp())

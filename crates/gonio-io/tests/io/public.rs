@@ -80,6 +80,23 @@ fn tiff_files_of_wide_integers_and_half_floats_are_read() {
 }
 
 #[test]
+fn variants_of_a_photograph_have_its_radiance() {
+    let want = radiance("ball.exr");
+    let brightest = want.as_slice().iter().fold(0.0_f32, |most, rgb| most.max(rgb.max_element()));
+    // The variants have their own units. Those of 16 bits clip the highlight.
+    for name in ["alpha-opaque.exr", "linear-gama-1.png", "linear-icc.png", "photoshop.pfm"] {
+        let got = radiance(name);
+        assert_eq!(got.size(), want.size(), "{name}");
+        let pairs = || got.as_slice().iter().zip(want.as_slice()).filter(|(_, want)| want.y > 0.05 * brightest);
+        let mut ratios: Vec<f32> = pairs().map(|(got, want)| got.y / want.y).collect();
+        ratios.sort_by(f32::total_cmp);
+        let unit = ratios[ratios.len() / 2];
+        let close = pairs().filter(|(got, want)| (**got - unit * **want).abs().max_element() < 0.01 * unit * want.y);
+        assert!(100 * close.count() > 98 * ratios.len(), "{name}");
+    }
+}
+
+#[test]
 fn radiance_headers_may_have_cr_lf_and_exposures() {
     for name in ["crlf-header.hdr", "xyze-in-command-line.hdr"] {
         let rgb = radiance(name);

@@ -62,7 +62,7 @@ pub fn of_result(
         DrawsError::OtherModel(AppError::of(name, problem))
     })?;
     let table = read_brdf(&file)?;
-    let estimate = [0, 1, 2].map(|c| table.bivariate(c));
+    let estimate = table.to_bivariate();
     let luminance = BivariateTable::luminance(&estimate);
     let scale = luminance.normal_albedo() / ALBEDO;
     // A cell without reflectance has no chroma.

@@ -25,8 +25,8 @@ pub const GREY_REFLECTANCE: f64 = 0.18;
 const MAX_TILT: f64 = 35.0 / 180.0 * std::f64::consts::PI;
 /// Chroma residual of a chart above which the primaries of the image are not those of Rec. 709.
 const OTHER_PRIMARIES: f64 = 0.5;
-/// Largest plausible albedo at normal incidence: 1 plus a margin for the error of the estimate.
-const MAX_ALBEDO: f64 = 1.1;
+/// Largest plausible albedo at normal incidence: 1 plus a margin for measurement errors.
+pub(crate) const MAX_ALBEDO: f64 = 1.1;
 
 /// Assumption on the colour of the light, in words.
 const ASSUMPTION: &str = "the light has the colour of the reference in the image";

@@ -385,7 +385,7 @@ impl Materials {
         let mut out = Vec::with_capacity(list.len());
         for (i, (name, path)) in list.iter().enumerate() {
             let table = brdf::read(path)?;
-            out.push((name.clone(), [0, 1, 2].map(|c| table.bivariate(c))));
+            out.push((name.clone(), table.to_bivariate()));
             progress("reading materials", (i + 1) as f64 / list.len() as f64);
         }
         Ok(out)

@@ -33,7 +33,7 @@ pub(crate) struct ConvertOptions {
 pub(crate) fn run(options: &ConvertOptions) -> Result<Outcome> {
     let mut table = input::brdf(&options.input)?;
     if options.grey {
-        let tables = grey(&[0, 1, 2].map(|c| table.bivariate(c)));
+        let tables = grey(&table.to_bivariate());
         table = MerlTable::from_bivariate(tables.each_ref());
     }
     let name = options.input.file_stem().unwrap_or_default().to_string_lossy();

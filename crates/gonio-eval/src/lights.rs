@@ -13,7 +13,7 @@ use anyhow::{Context, Result, bail};
 use glam::DQuat;
 use gonio::appearance::Lattice;
 use gonio::inference::learnt::peak_to_body;
-use gonio::inference::light::{LightProblem, NonNegativeSettings, cut_off_at_zero};
+use gonio::inference::light::{LightProblem, cut_off_at_zero};
 use gonio::lighting::{LightGrid, LightPrior};
 use gonio::picture::luminance;
 use gonio::reflectance::BivariateTable;
@@ -163,7 +163,7 @@ fn find(points: &[SurfacePoint], image: &[f64], brdf: &BivariateTable, prior: &L
     let mean = found(&posterior.light, posterior.exposure, None, posterior.converged);
     let clipped = found(&cut_off_at_zero(&posterior.light), posterior.exposure, None, posterior.converged);
     let start = Some(Instant::now());
-    let positive = problem.non_negative(&posterior, &NonNegativeSettings::default())?;
+    let positive = problem.non_negative(&posterior)?;
     let positive = found(&positive.light, positive.exposure, start, positive.converged);
     Ok([mean, clipped, positive])
 }

@@ -78,7 +78,7 @@ impl Materials {
             .par_iter()
             .map(|(name, path)| {
                 let table = gonio_io::merl::read(path)?;
-                Ok(((*name).clone(), [0, 1, 2].map(|c| table.bivariate(c))))
+                Ok(((*name).clone(), table.to_bivariate()))
             })
             .collect::<Result<_>>()?;
         rgb.extend(reduced);
@@ -102,7 +102,7 @@ impl Materials {
     pub(crate) fn with_out_of_domain(mut self, data: &Path) -> Result<Self> {
         for (name, path) in out_of_domain::rgl_files(&data.join("rgl"))? {
             let table = gonio_io::rgl::read(&path)?.to_merl();
-            self.add(name, [0, 1, 2].map(|c| table.bivariate(c)), Origin::Rgl(path))?;
+            self.add(name, table.to_bivariate(), Origin::Rgl(path))?;
         }
         for (name, formula) in out_of_domain::formulas() {
             let table = formula.to_bivariate();

@@ -36,7 +36,7 @@ pub(crate) fn rgl_files(folder: &Path) -> Result<Vec<(String, PathBuf)>> {
 pub(crate) fn rgl_tables(folder: &Path) -> Result<Vec<(String, [BivariateTable; 3])>> {
     let read = |(name, path): (String, PathBuf)| {
         let table = gonio_io::rgl::read(path)?.to_merl();
-        Ok((name, [0, 1, 2].map(|c| table.bivariate(c))))
+        Ok((name, table.to_bivariate()))
     };
     rgl_files(folder)?.into_iter().map(read).collect()
 }

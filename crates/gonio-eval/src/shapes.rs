@@ -11,7 +11,7 @@ use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
 use glam::{DVec3, Vec3};
-use gonio::inference::learnt::{LearntPosterior, SphereEquivalentSettings, to_sphere_equivalent};
+use gonio::inference::learnt::{LearntPosterior, to_sphere_equivalent};
 use gonio::lighting::LightPrior;
 use gonio::picture::{Picture, Plane};
 use gonio::reflectance::BivariateTable;
@@ -178,13 +178,7 @@ impl Study<'_> {
                 // Values are rendered only at the points, not in every pixel.
                 let observations = Observations { values: seen.collect(), dense: Vec::new(), ..scene.clone() };
                 let start = Instant::now();
-                let found = to_sphere_equivalent(
-                    &observations,
-                    self.learnt,
-                    self.prior,
-                    &transfer,
-                    &SphereEquivalentSettings::default(),
-                )?;
+                let found = to_sphere_equivalent(&observations, self.learnt, self.prior, &transfer)?;
                 let estimate = self.learnt.posterior(&found.image).mean;
                 let (relative, log) = self.stage.mean_errors(self.relit, &estimate, table);
                 records.push(Record {

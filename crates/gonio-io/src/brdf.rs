@@ -53,7 +53,7 @@ pub fn read(path: impl AsRef<Path>) -> Result<MerlTable, Error> {
 /// If the name has another extension.
 pub fn encode(path: &Path, table: &MerlTable, name: &str) -> Result<Vec<u8>, Error> {
     let file = path.file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
-    let tables = || [0, 1, 2].map(|c| table.bivariate(c));
+    let tables = || table.to_bivariate();
     Ok(match file.rsplit_once('.').map(|(_, extension)| extension) {
         Some("binary") => merl::encode(table),
         Some("mbsdf") => mbsdf::encode(table),

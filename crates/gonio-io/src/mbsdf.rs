@@ -21,7 +21,7 @@ use gonio::reflectance::MerlTable;
 use gonio::reflectance::parametric::full_table;
 use gonio::sphere::half_difference;
 
-use crate::{Error, guard};
+use crate::{Error, guard, little_endian};
 
 /// First bytes of such a file.
 pub(crate) const MAGIC: &[u8] = b"NVIDIA ARC MBSDF V1\n";
@@ -89,8 +89,7 @@ pub fn decode(path: &Path, bytes: &[u8]) -> Result<MeasuredBsdf, Error> {
         let problem = format!("has {} bytes of data, too few for {thetas} x {thetas} x {phis} values", data.len());
         return Err(damaged(problem));
     };
-    let floats = data[..length as usize].chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]]));
-    let values: Vec<f32> = floats.collect();
+    let values = little_endian::f32s(&data[..length as usize]);
     if let Some(at) = values.iter().position(|v| !v.is_finite()) {
         return Err(damaged(format!("has a value that is not finite at index {at}")));
     }

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::{Error, guard};
+use crate::{Error, guard, little_endian};
 
 /// Longest file read, 4 GiB.
 const MAX_BYTES: u64 = 1 << 32;
@@ -86,7 +86,7 @@ pub fn encode(array: &Array) -> Vec<u8> {
     bytes.extend([1, 0]);
     bytes.extend(u16::try_from(length).expect("the header is shorter than 64 kB").to_le_bytes());
     bytes.extend(format!("{dict:<width$}\n", width = length - 1).bytes());
-    bytes.extend(array.values.iter().flat_map(|v| v.to_le_bytes()));
+    little_endian::put_f32(&mut bytes, &array.values);
     bytes
 }
 

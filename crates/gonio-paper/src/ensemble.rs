@@ -153,18 +153,10 @@ impl VariationalParameters {
         f.chain(l).chain(std::iter::once((noise + 1, noise + 2)))
     }
 
-    /// Copies the distribution of reflectance coefficient `k` from another ensemble.
+    /// Copies the parameters of one distribution from another ensemble.
     #[cfg(test)]
-    pub(crate) fn copy_f(&mut self, other: &Self, k: usize) {
-        for at in self.indices_of(Part::F(k)) {
-            self.phi[at] = other.phi[at];
-        }
-    }
-
-    /// Copies the distribution of the exposure from another ensemble.
-    #[cfg(test)]
-    pub(crate) fn copy_g(&mut self, other: &Self) {
-        for at in self.indices_of(Part::G) {
+    pub(crate) fn copy(&mut self, other: &Self, part: Part) {
+        for at in self.indices_of(part) {
             self.phi[at] = other.phi[at];
         }
     }

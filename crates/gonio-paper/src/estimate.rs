@@ -270,7 +270,7 @@ fn posterior(
     };
     let (problem, method) = if known_light {
         let settings = VariationalSettings { solver: Solver::Blocks, ..variational };
-        (Problem::with_known_light(projected, rates, hyper)?, Method::KnownLight(settings))
+        (Problem::with_known_light(projected, rates, hyper)?, Method::Variational(settings))
     } else {
         let method = match method {
             PaperMethod::Variational => Method::Variational(variational),

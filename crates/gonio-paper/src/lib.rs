@@ -7,9 +7,9 @@
 //! 3. A [`Problem`] adds the priors, and [`infer`] computes its [`Posterior`] by a [`Method`]:
 //!    * [`Method::Variational`], the separable posterior of eqs. 12 to 14 fitted by Algorithm 1;
 //!    * [`Method::JointMap`], the single most probable pair of light and reflectance (eq. 2), the
-//!      baseline, which wrongly prefers a mirror under blurred illumination;
-//!    * [`Method::KnownLight`], for a problem whose light is given: the best estimate that the
-//!      image permits.
+//!      baseline, which wrongly prefers a mirror under blurred illumination.
+//!
+//!    If the light is given, [`Problem::with_known_light`] has one light coefficient, the DC.
 //! 4. [`estimate`] performs steps 2 and 3 on the observations of a photograph.
 
 #![deny(clippy::print_stdout, clippy::print_stderr)]
@@ -63,9 +63,6 @@ pub enum Method {
     Variational(VariationalSettings),
     /// Joint maximum of eq. 10 over light, reflectance, exposure and noise.
     JointMap(JointMapSettings),
-    /// Separable posterior of the other unknowns when the light is known: the problem has one light
-    /// coefficient, the DC.
-    KnownLight(VariationalSettings),
 }
 
 /// Computes the posterior; deterministic for the seed in the method's settings.
@@ -73,7 +70,7 @@ pub enum Method {
 /// `progress` receives a fraction in 0..=1.
 pub fn infer(problem: &Problem<'_>, method: &Method, progress: &(dyn Fn(f64) + Sync)) -> Posterior {
     match method {
-        Method::Variational(settings) | Method::KnownLight(settings) => variational::infer(problem, settings, progress),
+        Method::Variational(settings) => variational::infer(problem, settings, progress),
         Method::JointMap(settings) => joint_map::infer(problem, settings, progress),
     }
 }

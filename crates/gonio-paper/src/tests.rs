@@ -5,7 +5,7 @@ use gonio::lighting::{LightPrior, ScaleMixture};
 use rand::{RngExt, SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
 
-use super::ensemble::AllMoments;
+use super::ensemble::{AllMoments, Part};
 use super::*;
 use crate::testing::{inner, on_threads, toy_prior};
 
@@ -64,36 +64,25 @@ pub(super) fn start(planted: &Planted, seed: u64) -> VariationalParameters {
     ensemble
 }
 
-/// Part of q that is updated alone.
-#[derive(Clone, Copy, Debug)]
-enum Coordinate {
-    F(usize),
-    L(usize),
-    G,
-    Noise,
-}
-
-fn all(k: usize) -> Vec<Coordinate> {
-    let mut all: Vec<Coordinate> = (0..k).map(Coordinate::F).chain((1..M).map(Coordinate::L)).collect();
-    all.extend([Coordinate::G, Coordinate::Noise]);
+fn all(k: usize) -> Vec<Part> {
+    let mut all: Vec<Part> = (0..k).map(Part::F).chain((1..M).map(Part::L)).collect();
+    all.extend([Part::G, Part::Noise]);
     all
 }
 
 /// `ensemble` with one coordinate replaced by its update.
-fn updated(problem: &Problem<'_>, ensemble: &VariationalParameters, which: Coordinate) -> VariationalParameters {
+fn updated(problem: &Problem<'_>, ensemble: &VariationalParameters, which: Part) -> VariationalParameters {
     let now = Expectations::new(problem, ensemble);
     let full = now.update(problem, ensemble);
     let mut out = ensemble.clone();
     match which {
-        Coordinate::F(k) => out.copy_f(&full, k),
-        Coordinate::L(m) => {
+        Part::L(m) => {
             let (pull, l, g) = (now.pull(problem), &now.moments.l, &now.moments.g);
             let curvature = now.moments.precision * g.mean_square() * pull.curvature[m];
             let push = now.moments.precision * pull.light[m] + curvature * l[m].mean;
             light_system::minimise_coefficient(problem, &mut out, m, (curvature, push), l[m]);
         }
-        Coordinate::G => out.copy_g(&full),
-        Coordinate::Noise => out.set_log_noise(full.log_noise()),
+        part => out.copy(&full, part),
     }
     out
 }
@@ -123,7 +112,7 @@ fn the_gradient_vanishes_after_an_update() {
     let mut ensemble = start(&planted, 5);
     for which in all(3).into_iter().chain(all(3)) {
         ensemble = updated(&problem, &ensemble, which);
-        for at in ensemble.indices_of(which_index(which)) {
+        for at in ensemble.indices_of(which) {
             let step = 1e-5;
             let mut direction = ensemble.minus(&ensemble);
             direction[at] = 1.0;
@@ -134,16 +123,6 @@ fn the_gradient_vanishes_after_an_update() {
             // about 1e-8 of it.
             assert!(gradient.abs() < 3e-7 * planted.cost(&ensemble).abs().max(1.0), "{which:?} at {at}: {gradient}");
         }
-    }
-}
-
-fn which_index(which: Coordinate) -> super::ensemble::Part {
-    use super::ensemble::Part;
-    match which {
-        Coordinate::F(k) => Part::F(k),
-        Coordinate::L(m) => Part::L(m),
-        Coordinate::G => Part::G,
-        Coordinate::Noise => Part::Noise,
     }
 }
 
@@ -247,7 +226,7 @@ fn known_light_matches_non_negative_least_squares() {
     let image = Projected { bilinear: Bilinear::new(rows, 4, 1, data), target, outside: 0.0, pixels: rows };
     let problem = Problem::with_known_light(&image, &[1.0; 4], Hyperparameters::default()).unwrap();
     let settings = VariationalSettings { solver: Solver::Blocks, starts: 1, ..Default::default() };
-    let got = infer(&problem, &Method::KnownLight(settings), &|_| ());
+    let got = infer(&problem, &Method::Variational(settings), &|_| ());
     let f: Vec<f64> = got.reflectance.iter().map(|f| f * got.exposure).collect();
     for (got, want) in f.iter().zip(truth) {
         assert!((got - want).abs() < 5e-3, "{f:?}");

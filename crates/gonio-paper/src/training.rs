@@ -22,17 +22,11 @@ pub struct TrainSettings {
     /// smallest mean RMS error in 1/sr is selected, since minima of nearly equal cost in scaled
     /// units can differ strongly in 1/sr. Zero selects the smallest cost.
     pub cost_margin: f64,
-    /// Power of its largest trusted value by which each material is divided. Default 1.
-    ///
-    /// At 1, all materials count equally relative to their maximum, as in the paper. At 0, errors
-    /// count in 1/sr, so that the brightest materials dominate. In either case, stored coefficients
-    /// are those of materials of maximum one.
-    pub scale_power: f64,
 }
 
 impl Default for TrainSettings {
     fn default() -> Self {
-        Self { nmf: NmfSettings::default(), cost_margin: 0.01, scale_power: 1.0 }
+        Self { nmf: NmfSettings::default(), cost_margin: 0.01 }
     }
 }
 
@@ -60,8 +54,8 @@ pub enum TrainError {
     /// No material uses function `0`, because the materials have fewer independent parts.
     #[error("no material uses basis function {0}; use a lower rank")]
     Unused(usize),
-    /// The margin is negative or NaN, or the power is not finite.
-    #[error("the cost margin must not be negative and the scale power must be finite")]
+    /// The margin is negative or NaN.
+    #[error("the cost margin must not be negative")]
     Settings,
     /// The factorisation failed.
     #[error("factorisation failed")]
@@ -133,16 +127,15 @@ pub fn train(
     if materials.is_empty() {
         return Err(TrainError::Empty);
     }
-    if !(settings.cost_margin >= 0.0 && settings.scale_power.is_finite()) {
+    if settings.cost_margin.is_nan() || settings.cost_margin < 0.0 {
         return Err(TrainError::Settings);
     }
     let cells: Vec<usize> = trusted_cells().collect();
     let scales = materials.iter().map(|(name, table)| scale(name, table, &cells)).collect::<Result<Vec<f64>, _>>()?;
-    let divisors: Vec<f64> = scales.iter().map(|s| s.powf(settings.scale_power)).collect();
     let x =
-        Mat::from_fn(cells.len(), materials.len(), |i, j| f64::from(materials[j].1.as_slice()[cells[i]]) / divisors[j]);
+        Mat::from_fn(cells.len(), materials.len(), |i, j| f64::from(materials[j].1.as_slice()[cells[i]]) / scales[j]);
     let set = Scaled { materials, scales, cells };
-    let solved = factorize_all(x.as_ref(), None, &settings.nmf)?
+    let solved = factorize_all(x.as_ref(), &settings.nmf)?
         .into_par_iter()
         .map(|nmf| Ok((set.solve(&nmf)?, nmf.report)))
         .collect::<Result<Vec<_>, TrainError>>()?;
@@ -325,18 +318,6 @@ mod tests {
         assert_eq!(choose(&candidates, 0.0), 1);
         assert_eq!(choose(&candidates, 0.01), 0);
         assert_eq!(choose(&candidates, 0.5), 2);
-    }
-
-    #[test]
-    fn smaller_scale_power_favours_bright_materials() {
-        // Rank one cannot fit both parts, so the brightest material's share of the error depends on
-        // the weights.
-        let error = |scale_power| {
-            let (basis, report) = train(&materials(), &TrainSettings { scale_power, ..settings(1) }).unwrap();
-            assert!(basis.materials.iter().all(|m| m.coefficients[0] < 1.1));
-            report.fits[5].rms
-        };
-        assert!(error(0.0) < error(1.0), "{} {}", error(0.0), error(1.0));
     }
 
     #[test]

@@ -148,7 +148,7 @@ type ReadBrdf<'py> = (Bound<'py, PyArray3<f32>>, Bound<'py, PyArray4<f32>>);
 #[pyfunction]
 pub(crate) fn read_brdf(py: Python<'_>, path: PathBuf, any: bool) -> PyResult<ReadBrdf<'_>> {
     let read = || if any { gonio_app::read_brdf(&path) } else { gonio_io::merl::read(&path) };
-    let read = || read().map(|table| ([0, 1, 2].map(|c| table.bivariate(c)), table));
+    let read = || read().map(|table| (table.to_bivariate(), table));
     let (tables, whole) = py.detach(read).map_err(|e| raise(&e.into(), py))?;
     let values: Vec<f32> = [0, 1, 2].map(|c| whole.channel(c)).concat();
     Ok((arrays::of_tables(py, &tables), arrays::array(py, (3, THETA_H, THETA_D, PHI_D), values)))

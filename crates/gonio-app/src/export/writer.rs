@@ -93,7 +93,7 @@ impl Writer<'_> {
                 }
                 let note = "RGL tensors for the plugin `measured`: brdf_rgb.bsdf for Mitsuba 3, brdf_spec.bsdf (smooth spectra with these colours under D65) for \
                             its spectral variants and pbrt-v4";
-                self.table(target, "brdf_rgb.bsdf", &rgb, [0, 1, 2].map(|c| back.bivariate(c)), note)?;
+                self.table(target, "brdf_rgb.bsdf", &rgb, back.to_bivariate(), note)?;
                 self.add_files(target, &["brdf_spec.bsdf", MEASURED[0].0, MEASURED[1].0]);
                 Ok(())
             }

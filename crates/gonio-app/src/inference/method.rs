@@ -32,9 +32,6 @@ pub(crate) struct MethodResult {
     pub(super) fits: Option<Fits>,
 }
 
-/// Largest plausible absolute albedo at normal incidence: 1 plus a margin for measurement errors.
-const MAX_ALBEDO: f64 = 1.1;
-
 /// Estimates the BRDF of an object, and the light unless it is known.
 pub(crate) fn solve(
     context: &InferenceContext<'_>,
@@ -61,7 +58,7 @@ pub(crate) fn solve(
                 let suggested = if diagnostic.is_misfit() { suggestions(observed, aligns) } else { Vec::new() };
                 warnings.push(Warning::of(image, diagnostic).with(suggested));
             }
-            if known.absolute && scale * ALBEDO > MAX_ALBEDO {
+            if known.absolute && scale * ALBEDO > reference::MAX_ALBEDO {
                 let cause = match known.map {
                     EnvironmentSource::Map(_) => "photograph and environment map do not have the same scale",
                     EnvironmentSource::MirrorBall(_) => "the specified reflectance of the mirror ball is too high",

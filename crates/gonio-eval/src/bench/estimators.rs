@@ -194,7 +194,7 @@ impl Estimator {
             Self::KnownLightBasis => {
                 let known = Projected::under_known_light(under_true_light, basis.len(), image);
                 let problem = Problem::with_known_light(&known, &basis.rates, hyper)?;
-                (rms(&known), infer(&problem, &Method::KnownLight(variational(Solver::Blocks)), &|_| ()))
+                (rms(&known), infer(&problem, &Method::Variational(variational(Solver::Blocks)), &|_| ()))
             }
             Self::JointMap => {
                 let settings =

@@ -9,7 +9,7 @@ use gonio::appearance::DiskImage;
 use gonio::appearance::disk::{DISK_SIDE, normal, on_disk};
 use gonio::estimate::EstimateSettings;
 use gonio::inference::learnt::{MaterialPosterior, peak_to_body};
-use gonio::inference::light::{LightProblem, NonNegativeSettings};
+use gonio::inference::light::LightProblem;
 use gonio::lighting::LightPrior;
 use gonio::shape::SurfacePoint;
 use gonio::transfer::TransferSettings;
@@ -41,7 +41,7 @@ impl LightMisfit {
         let values: Vec<Option<f64>> = seen.iter().map(|&c| Some(f64::from(image.values[c]))).collect();
         let problem = LightProblem::new(&points, &values, None, &posterior.mean, prior, &TransferSettings::default())
             .context("the light of a photograph")?;
-        let light = problem.non_negative(&problem.posterior()?, &NonNegativeSettings::default())?;
+        let light = problem.non_negative(&problem.posterior()?)?;
         let radiance: Vec<f64> = light.light.iter().map(|l| l * light.exposure).collect();
         let square = |values: &mut dyn Iterator<Item = f64>| values.map(|v| v * v).sum::<f64>();
         let noise =

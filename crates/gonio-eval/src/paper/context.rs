@@ -148,7 +148,7 @@ impl PaperContext {
             Problem::with_known_light(&projected, &basis.rates, Hyperparameters::with_model_error(projected.pixels))
                 .with_context(|| name.to_owned())?;
         let settings = VariationalSettings { starts: 1, ..VariationalSettings::default() };
-        Ok(self.solve(&problem, &Method::KnownLight(settings), name)?.1)
+        Ok(self.solve(&problem, &Method::Variational(settings), name)?.1)
     }
 
     fn solve(&self, problem: &Problem<'_>, method: &Method, name: &str) -> Result<(Posterior, BivariateTable)> {

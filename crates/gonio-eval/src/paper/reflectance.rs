@@ -45,7 +45,7 @@ pub(super) fn section(context: &PaperContext) -> Result<Markup> {
         context.all.names.iter().enumerate().map(|(at, name)| (name.clone(), context.all.green(at).clone())).collect();
     let trained = |rank: usize, cost_margin: f64| {
         let nmf = NmfSettings { rank, ..NmfSettings::default() };
-        let settings = TrainSettings { nmf, cost_margin, ..TrainSettings::default() };
+        let settings = TrainSettings { nmf, cost_margin };
         step(&format!("Fig. 3, basis of rank {rank}"), || Trained::load_or_train(&context.cache, &green, &settings))
     };
     let margin = TrainSettings::default().cost_margin;

@@ -227,10 +227,9 @@ fn signature(program: &str) -> Vec<u8> {
     let mut chunk = b"tEXtSoftware\0".to_vec();
     chunk.extend(program.as_bytes());
     let length = u32::try_from(chunk.len() - 4).expect("the name of a program is short");
-    let check = !chunk.iter().fold(u32::MAX, |check, byte| {
-        (0..8).fold(check ^ u32::from(*byte), |check, _| (check >> 1) ^ (0xedb8_8320 & (check & 1).wrapping_neg()))
-    });
-    [&length.to_be_bytes()[..], &chunk, &check.to_be_bytes()].concat()
+    let mut check = flate2::Crc::new();
+    check.update(&chunk);
+    [&length.to_be_bytes()[..], &chunk, &check.sum().to_be_bytes()].concat()
 }
 
 /// Encodes a PNG of 8-bit RGB samples that are already sRGB-coded, row-major from the top.

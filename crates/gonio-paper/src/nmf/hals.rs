@@ -18,6 +18,10 @@ const BLOCK: usize = 128;
 ///
 /// Single steps of an extrapolated iteration vary strongly.
 const WINDOW: usize = 10;
+/// Number of rounds of column updates of the functions per product with `X`.
+const FUNCTION_SWEEPS: usize = 3;
+/// Number of rounds of column updates of the coefficients per product with `X`.
+const COEFFICIENT_SWEEPS: usize = 10;
 
 /// Returns the sum of the products of the entries of two matrices of equal shape.
 pub(super) fn dot(a: &Mat<f64>, b: &Mat<f64>) -> f64 {
@@ -160,13 +164,13 @@ pub(super) fn descend(x: MatRef<'_, f64>, start: Pair, settings: &NmfSettings) -
         }
         let target = product(x.transpose(), w_trial.as_ref());
         let gram = product(w_trial.transpose(), w_trial.as_ref());
-        sweep(&mut v_trial, &target, &gram, settings.coefficient_sweeps);
+        sweep(&mut v_trial, &target, &gram, COEFFICIENT_SWEEPS);
         let v_new = v_trial;
         v_trial = extrapolate(&v_new, &v_before, momentum.beta);
 
         let target = product(x, v_trial.as_ref());
         let gram = product(v_trial.transpose(), v_trial.as_ref());
-        sweep(&mut w_trial, &target, &gram, settings.function_sweeps);
+        sweep(&mut w_trial, &target, &gram, FUNCTION_SWEEPS);
         // |X - w v'|^2 = |X|^2 - 2 <X v, w> + <w'w, v'v>, accurate to round-off of |X|^2.
         let own = product(w_trial.transpose(), w_trial.as_ref());
         let now = norm - 2.0 * dot(&target, &w_trial) + dot(&own, &gram);

@@ -1,7 +1,7 @@
 //! Estimation of the light, given the material.
 
 use super::{EstimateError, EstimateSettings, EstimateStage};
-use crate::inference::light::{LightProblem, NonNegativeSettings, cut_off_at_zero};
+use crate::inference::light::{LightProblem, cut_off_at_zero};
 use crate::lighting::LightGrid;
 use crate::model::Model;
 use crate::reflectance::BivariateTable;
@@ -87,7 +87,7 @@ impl Light {
         progress(EstimateStage::Light);
         let evidence = problem.posterior()?;
         let (coefficients, sd, exposure, estimator) = if settings.side <= MAX_BOUNDED_SIDE {
-            let found = problem.non_negative(&evidence, &NonNegativeSettings::default())?;
+            let found = problem.non_negative(&evidence)?;
             let how = LightEstimator::NonNegative { steps: found.steps, converged: found.converged };
             (found.light, found.light_sd, found.exposure, how)
         } else {

@@ -5,8 +5,7 @@ use super::{Colouring, ColouringRule, Diagnostic, Ends, EstimateError, Highlight
 use crate::appearance::{DiskImage, fineness};
 use crate::colour::ChromaField;
 use crate::inference::learnt::{
-    self, LearntPosterior, MaterialPosterior, SphereEquivalent, SphereEquivalentSettings, peak_to_body,
-    to_sphere_equivalent,
+    self, LearntPosterior, MaterialPosterior, SphereEquivalent, peak_to_body, to_sphere_equivalent,
 };
 use crate::inference::{Embedding, Likelihood};
 use crate::model::Model;
@@ -173,8 +172,7 @@ impl<'a> MaterialDraft<'a> {
         let learnt = model.learnt.as_ref().ok_or(EstimateError::NotLearnt)?;
         super::check_observed(observations)?;
         let transfer = TransferSettings::of_side(side);
-        let settings = SphereEquivalentSettings::default();
-        let equivalent = to_sphere_equivalent(observations, learnt, &model.light, &transfer, &settings)?;
+        let equivalent = to_sphere_equivalent(observations, learnt, &model.light, &transfer)?;
         let reading = learnt.encode(&equivalent.image);
         let likelihood = Likelihood::Embedding(Embedding::of(reading.embedding));
         let posterior = MaterialPosterior::of(learnt, likelihood).ok_or(EstimateError::NotLearnt)?;

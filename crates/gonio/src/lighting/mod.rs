@@ -6,12 +6,10 @@ mod mixture;
 mod prior;
 mod rectified;
 mod scenes;
-mod studio;
 
 pub use grid::LightGrid;
 pub use map::{EnvironmentMap, MapError};
 pub use mixture::{MixtureSettings, ScaleMixture};
 pub use prior::{CoefficientPrior, LightPrior, PriorError, PriorGroup, PriorSettings};
 pub use rectified::{Moments, RectifiedGaussian};
-pub use scenes::{lamp_light, named_light, sky_light};
-pub use studio::studio_light;
+pub use scenes::{lamp_light, named_light, sky_light, studio_light};

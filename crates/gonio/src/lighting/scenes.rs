@@ -1,4 +1,4 @@
-//! Further synthetic lights: outdoors, and a room at night.
+//! Synthetic lights for displaying an estimated material; the program ships no captured map.
 
 use glam::{DVec3, Vec3};
 
@@ -9,11 +9,37 @@ use crate::sphere::direction_of_lat_long;
 /// Returns the synthetic light `studio`, `sky` or `lamp`, `2 height` by `height`.
 pub fn named_light(name: &str, height: usize) -> Option<EnvironmentMap> {
     match name {
-        "studio" => Some(super::studio_light(height)),
+        "studio" => Some(studio_light(height)),
         "sky" => Some(sky_light(height)),
         "lamp" => Some(lamp_light(height)),
         _ => None,
     }
+}
+
+/// Light of a photographer's studio, `2 height` by `height`, in relative units of mean about one.
+///
+/// A large soft box is above left of the camera, a strip light at the right, and a small hot lamp
+/// behind the left shoulder. A window is low at the back, and a dim panel low in front. The room
+/// around them is graded.
+pub fn studio_light(height: usize) -> EnvironmentMap {
+    let unit = |x: f64, y: f64, z: f64| DVec3::new(x, y, z).normalize();
+    // Centre, half width and height (lengths in the tangent plane), colour, softness of the edge.
+    let panels = [
+        (unit(-0.75, 0.75, 0.7), 0.42, 0.30, Vec3::new(9.0, 8.6, 8.0), 0.05),
+        (unit(1.0, 0.15, 0.35), 0.09, 0.75, Vec3::new(6.0, 6.6, 7.6), 0.02),
+        (unit(0.25, 0.35, -1.0), 0.35, 0.25, Vec3::new(5.0, 5.4, 6.2), 0.03),
+        (unit(-0.15, -0.55, 0.9), 0.5, 0.12, Vec3::new(0.9, 0.7, 0.5), 0.1),
+    ];
+    let lamp = unit(-0.55, 0.25, 0.95);
+    map(height, |d| {
+        let up = 0.5 * (d.y as f32 + 1.0);
+        let mut sum = Vec3::new(0.20, 0.17, 0.15).lerp(Vec3::new(0.50, 0.55, 0.62), up * up);
+        for (centre, half_width, half_height, colour, soft) in panels {
+            sum += colour * rectangle(d, centre, (half_width, half_height), soft) as f32;
+        }
+        let away = d.angle_between(lamp);
+        sum + Vec3::new(150.0, 135.0, 110.0) * smooth((0.045 - away) / 0.01) as f32
+    })
 }
 
 /// Light of a clear day, `2 height` by `height`: a sky that pales towards the horizon, a low sun
@@ -58,7 +84,7 @@ fn map(height: usize, radiance: impl Fn(DVec3) -> Vec3) -> EnvironmentMap {
 /// Returns the smoothed indicator of an upright rectangle around `centre`.
 ///
 /// The half sides and the width of the soft edges are lengths in the tangent plane.
-pub(super) fn rectangle(d: DVec3, centre: DVec3, (half_width, half_height): (f64, f64), soft: f64) -> f64 {
+fn rectangle(d: DVec3, centre: DVec3, (half_width, half_height): (f64, f64), soft: f64) -> f64 {
     let right = DVec3::Y.cross(centre).normalize();
     let (top, depth) = (centre.cross(right), d.dot(centre));
     if depth <= 0.0 {
@@ -69,7 +95,7 @@ pub(super) fn rectangle(d: DVec3, centre: DVec3, (half_width, half_height): (f64
 }
 
 /// Smooth step from 0 at 0 to 1 at 1.
-pub(super) fn smooth(x: f64) -> f64 {
+fn smooth(x: f64) -> f64 {
     let x = x.clamp(0.0, 1.0);
     x * x * (3.0 - 2.0 * x)
 }
@@ -77,7 +103,6 @@ pub(super) fn smooth(x: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::lighting::studio_light;
     use crate::picture::luminance;
     use crate::sphere::OctahedralMap;
 

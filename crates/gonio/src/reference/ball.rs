@@ -8,7 +8,7 @@
 use glam::{DVec3, Vec3};
 
 use super::light::REFLECTANCE_LOG_SD;
-use super::patch::{Clipping, MAX_CLIPPED, check_neutral, check_positive, disk};
+use super::patch::{Clipping, MAX_CLIPPED, check_neutral, check_positive, check_reflectance, disk};
 use super::{ReferenceError, ReferenceLight};
 use crate::picture::{Plane, luminance};
 use crate::scene::{Circle, ShadingBasis, is_clipped};
@@ -119,9 +119,7 @@ impl BallReading {
     /// # Errors
     /// [`ReferenceError::Reflectance`] unless the reflectance is above 0 and at most 1.
     pub fn light(&self, reflectance: f64) -> Result<ReferenceLight, ReferenceError> {
-        if !(reflectance > 0.0 && reflectance <= 1.0) {
-            return Err(ReferenceError::Reflectance(reflectance));
-        }
+        check_reflectance(reflectance)?;
         let [white, ball] = [self.centre, self.mean].map(|radiance| radiance / reflectance);
         Ok(ReferenceLight { white, ball: Some(ball), log_sd: REFLECTANCE_LOG_SD })
     }

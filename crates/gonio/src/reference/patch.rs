@@ -197,9 +197,7 @@ impl PatchReading {
     /// # Errors
     /// [`ReferenceError::Reflectance`] unless the reflectance is above 0 and at most 1.
     pub fn light(&self, reflectance: f64) -> Result<ReferenceLight, ReferenceError> {
-        if !(reflectance > 0.0 && reflectance <= 1.0) {
-            return Err(ReferenceError::Reflectance(reflectance));
-        }
+        check_reflectance(reflectance)?;
         let error = self.variation / (self.pixels.max(1) as f64).sqrt();
         Ok(ReferenceLight { white: self.colour / reflectance, ball: None, log_sd: error.hypot(REFLECTANCE_LOG_SD) })
     }
@@ -210,6 +208,12 @@ pub(super) fn check_positive(colour: DVec3) -> Result<(), ReferenceError> {
     let names = ["red", "green", "blue"];
     let black = names.into_iter().zip(colour.to_array()).find(|(_, value)| value.is_nan() || *value <= 0.0);
     black.map_or(Ok(()), |(channel, _)| Err(ReferenceError::Black { channel }))
+}
+
+/// Checks the diffuse reflectance of a reference.
+pub(super) fn check_reflectance(reflectance: f64) -> Result<(), ReferenceError> {
+    let valid = reflectance > 0.0 && reflectance <= 1.0;
+    if valid { Ok(()) } else { Err(ReferenceError::Reflectance(reflectance)) }
 }
 
 /// Checks that a colour is plausible for a neutral patch under captured light.

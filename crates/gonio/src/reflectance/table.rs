@@ -273,6 +273,11 @@ impl MerlTable {
         Self::from_channels(channels)
     }
 
+    /// Returns [`Self::bivariate`] of red, green and blue.
+    pub fn to_bivariate(&self) -> [BivariateTable; 3] {
+        [0, 1, 2].map(|channel| self.bivariate(channel))
+    }
+
     /// Returns whether no cell depends on `phi_d`, as in tables from [`Self::from_bivariate`].
     pub fn is_bivariate(&self) -> bool {
         self.channels.iter().flat_map(|channel| channel.chunks_exact(PHI_D)).all(|cell| {

@@ -100,10 +100,10 @@ impl Brdf for MerlTable {
     }
 
     fn envelope(&self) -> BivariateTable {
-        strongest(&[0, 1, 2].map(|c| self.bivariate(c)))
+        strongest(&self.to_bivariate())
     }
 
     fn tables(&self) -> Option<[BivariateTable; 3]> {
-        self.is_bivariate().then(|| [0, 1, 2].map(|c| self.bivariate(c)))
+        self.is_bivariate().then(|| self.to_bivariate())
     }
 }

@@ -10,8 +10,7 @@ use crate::picture::luminance;
 use crate::reflectance::{BivariateTable, CELLS};
 #[cfg(doc)]
 use crate::shape::Hit;
-use crate::shape::SurfacePoint;
-use crate::shape::{Surface, Visibility};
+use crate::shape::{Points, Surface, SurfacePoint};
 
 /// Luminance of a list of points as a linear function of the cells of a [`BivariateTable`].
 ///
@@ -31,13 +30,16 @@ impl Relighter {
     ///
     /// The light is divided as finely as the sharpest of `examples`, each scaled to the same
     /// albedo, requires for the accuracy of `settings`. Sharper BRDFs are rendered less accurately.
-    pub fn new(
-        points: &[SurfacePoint],
+    pub fn new<'a>(
+        points: impl Into<Points<'a>>,
         examples: &[BivariateTable],
         light: &LightTree,
         settings: &IntegratorSettings,
     ) -> Self {
-        Self::within(points, None, examples, light, settings)
+        let points = points.into();
+        let divided = divided(points, examples, light, settings);
+        let [matrix] = Self::gathered(points.len(), divided, |radiance| [f64::from(luminance(radiance))]);
+        matrix
     }
 
     /// Computes the matrix like [`Self::new`], for points of a surface with self-shadowing.
@@ -64,46 +66,17 @@ impl Relighter {
         matrix
     }
 
-    /// Computes the matrix like [`Self::new`], for points with partly visible light.
-    ///
-    /// # Panics
-    /// If points and visibility differ in number.
-    pub(crate) fn within(
-        points: &[SurfacePoint],
-        visibility: Option<&Visibility>,
-        examples: &[BivariateTable],
-        light: &LightTree,
-        settings: &IntegratorSettings,
-    ) -> Self {
-        let divided = divided(points, visibility, examples, light, settings);
-        let [matrix] = Self::gathered(points.len(), divided, |radiance| [f64::from(luminance(radiance))]);
-        matrix
-    }
-
     /// Computes one matrix per channel of the light (red, green, blue), like [`Self::new`].
     ///
     /// Each matrix gives the reflection of one channel of the light by the same channel of a BRDF.
-    pub fn of_channels(
-        points: &[SurfacePoint],
+    pub fn of_channels<'a>(
+        points: impl Into<Points<'a>>,
         examples: &[BivariateTable],
         light: &LightTree,
         settings: &IntegratorSettings,
     ) -> [Self; 3] {
-        Self::channels_within(points, None, examples, light, settings)
-    }
-
-    /// Computes the matrices of [`Self::of_channels`] for points with partly visible light.
-    ///
-    /// # Panics
-    /// If points and visibility differ in number.
-    pub(crate) fn channels_within(
-        points: &[SurfacePoint],
-        visibility: Option<&Visibility>,
-        examples: &[BivariateTable],
-        light: &LightTree,
-        settings: &IntegratorSettings,
-    ) -> [Self; 3] {
-        let divided = divided(points, visibility, examples, light, settings);
+        let points = points.into();
+        let divided = divided(points, examples, light, settings);
         Self::gathered(points.len(), divided, |radiance| radiance.as_dvec3().to_array())
     }
 
@@ -215,20 +188,12 @@ pub(super) fn envelope(tables: &[BivariateTable]) -> BivariateTable {
 }
 
 /// Returns a function that divides the visible part of the light at each point.
-///
-/// # Panics
-/// If points and visibility differ in number.
 fn divided<'a>(
-    points: &'a [SurfacePoint],
-    visibility: Option<&'a Visibility>,
+    Points { points, visibility }: Points<'a>,
     examples: &[BivariateTable],
     light: &'a LightTree,
     settings: &'a IntegratorSettings,
 ) -> impl Fn(usize) -> Nodes + Sync + 'a {
-    assert!(
-        visibility.is_none_or(|visibility| visibility.len() == points.len()),
-        "points and visibility differ in number"
-    );
     let envelope = envelope(examples);
     move |at| match visibility {
         None => nodes(&points[at], &envelope, light, settings),

@@ -190,14 +190,19 @@ mod tests {
         }
     }
 
+    /// A bowl before a camera with `size` x `size` pixels.
+    fn bowl(size: usize) -> (Tracer, Camera) {
+        let bowl = Tracer::new(BuiltInShape::Bowl.mesh(24).unwrap());
+        let (centre, radius) = bowl.bounds();
+        let camera = Camera::framing(centre, radius, (size, size), 0.05).unwrap();
+        (Tracer::new(bowl.mesh().transformed(&camera.to_world.inverse()).unwrap()), camera)
+    }
+
     /// All materials share the half vectors, whose error is about half a percent.
     #[test]
     fn materials_rendered_together_match_single_renderings() {
         let light = light(|d| 2.0 + d.y + if d.x > 0.8 { 20.0 } else { 0.0 });
-        let bowl = Tracer::new(BuiltInShape::Bowl.mesh(24).unwrap());
-        let (centre, radius) = bowl.bounds();
-        let camera = Camera::framing(centre, radius, (16, 16), 0.05).unwrap();
-        let bowl = Tracer::new(bowl.mesh().transformed(&camera.to_world.inverse()).unwrap());
+        let (bowl, camera) = bowl(16);
         let tables = [lobe(), BivariateTable::from_fn(|_, _| 0.3)];
         let brdfs: Vec<&dyn Brdf> = tables.iter().map(|table| table as &dyn Brdf).collect();
         for accuracy in [Accuracy::Bound(IntegratorSettings::default()), Accuracy::default()] {
@@ -228,10 +233,7 @@ mod tests {
         // The radiance of a white Lambertian surface in uniform light is the cosine-weighted
         // fraction of unblocked directions.
         let white = BivariateTable::from_fn(|_, _| 1.0 / PI);
-        let bowl = Tracer::new(BuiltInShape::Bowl.mesh(24).unwrap());
-        let (centre, radius) = bowl.bounds();
-        let world = Camera::framing(centre, radius, (12, 12), 0.05).unwrap();
-        let bowl = Tracer::new(bowl.mesh().transformed(&world.to_world.inverse()).unwrap());
+        let (bowl, world) = bowl(12);
         let even = light(|_| 1.0);
         let settings = SurfaceSettings { accuracy, ..SurfaceSettings::default() };
         let got = render_surface(&white, &even, &bowl, &world, &settings, &|_| ());

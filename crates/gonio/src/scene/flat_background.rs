@@ -45,10 +45,8 @@ pub(super) fn flat_background(normals: &Plane<Vec3>) -> Option<Plane<bool>> {
     }
     let inside = |at: &(usize, usize)| !background[*at] && neighbours(*at, size, true).any(|next| background[next]);
     let pixels = (0..size.1).flat_map(|y| (0..size.0).map(move |x| (x, y)));
-    let mut steps: Vec<f32> = pixels.filter(inside).map(|at| (normals[at] - vector).length()).collect();
-    steps.sort_by(f32::total_cmp);
-    let median = steps.get(steps.len() / 2)?;
-    (*median > MIN_STEP).then_some(background)
+    let step = median(pixels.filter(inside).map(|at| (normals[at] - vector).length()))?;
+    (step > MIN_STEP).then_some(background)
 }
 
 #[cfg(test)]

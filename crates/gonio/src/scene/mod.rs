@@ -64,7 +64,7 @@ pub use detection::{DetectedShape, Detection, NormalPicture, Object, PositionMap
 pub use error::SceneError;
 pub use observations::{ObservationReport, ObservationSettings, Observations, sphere_points};
 pub(crate) use observed::{COVERED, check_size, clip_level, is_clipped};
-pub use orientation::{AxisFault, AxisFit, Contradiction, Orientation, OrientationSettings};
+pub use orientation::{AxisFault, AxisFit, Contradiction, Orientation};
 pub use outline::Ellipse;
 pub(crate) use outline::{find_ball, find_ellipse};
 pub use scene_warning::SceneWarning;

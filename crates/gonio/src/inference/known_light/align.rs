@@ -70,8 +70,7 @@ pub(super) fn aligned(
 
 /// Returns the rotations about the vertical under which a material of the prior fits best.
 fn around(rows: &ObservedPoints<'_>, light: &mut KnownLight, materials: &PriorMaterials<'_>) -> Vec<DQuat> {
-    let total = rows.values.len();
-    let some: Vec<usize> = (0..total).step_by(total.div_ceil(COMPARED)).collect();
+    let some = rows.every(COMPARED);
     let points: Vec<_> = some.iter().map(|&at| rows.points[at]).collect();
     let values: Vec<f64> = some.iter().map(|&at| rows.values[at]).collect();
     let visibility = rows.visibility.map(|v| v.select(&some));

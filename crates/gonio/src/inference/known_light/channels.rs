@@ -17,7 +17,7 @@ use rand_pcg::Pcg64;
 use super::fit::{FitPrior, ImageModel, LaplaceFit};
 use super::light::{KnownLight, Operator};
 use super::space::ParameterSpace;
-use super::{KnownLightError, KnownLightPosterior, ObservedPoints, PriorMaterials};
+use super::{KnownLightError, KnownLightPosterior, ObservedPoints, PriorMaterials, relative_rms};
 use crate::colour::{ChromaField, ColourModel, DRAW_FREEDOM, DRAW_INFLATION};
 use crate::parallel;
 use crate::reflectance::BivariateTable;
@@ -88,10 +88,7 @@ impl KnownLightPosterior {
         let channels = all.channels(&self.table(), &self.predicted)?;
         let whole = Operator::of_colours(&all.operators, &channels.field());
         let coloured = whole.apply(&self.space.values(&self.coefficients), 1.0);
-        let square = |values: &mut dyn Iterator<Item = f64>| values.map(|v| v * v).sum::<f64>();
-        let change = square(&mut coloured.iter().zip(&self.predicted).map(|(a, b)| a - b))
-            / square(&mut self.predicted.iter().copied()).max(f64::MIN_POSITIVE);
-        if change.sqrt() < COLOUR_CHANGE {
+        if relative_rms(&self.predicted, &coloured) < COLOUR_CHANGE {
             return Ok((self, channels));
         }
         let mut image = ImageModel::of(&whole, rows, &self.space, FitPrior::MATERIAL)?;
@@ -108,7 +105,7 @@ impl ColouredRows<'_> {
     fn channels(&self, table: &BivariateTable, predicted: &[f64]) -> Result<ChannelPosterior, KnownLightError> {
         let Self { rows, colours, operators, axes } = self;
         let total = colours.len();
-        let some: Vec<usize> = (0..total).step_by(total.div_ceil(CHANNEL_ROWS)).collect();
+        let some = rows.every(CHANNEL_ROWS);
         let points: Vec<_> = some.iter().map(|&at| rows.points[at]).collect();
         let visibility = rows.visibility.map(|visibility| visibility.select(&some));
         let trust: Vec<f64> = some.iter().map(|&at| rows.weights[at]).collect();
@@ -124,9 +121,7 @@ impl ColouredRows<'_> {
             let mut image = ImageModel::of(&operator, &rows, &space, CHANNEL)?;
             let state = image.start(&vec![0.0; space.dimensions], 1.0);
             let fit = image.fit_to(&rows, state)?;
-            let square = |values: &mut dyn Iterator<Item = f64>| values.map(|v| v * v).sum::<f64>();
-            let residual = square(&mut values.iter().zip(&fit.state.predicted).map(|(v, p)| v - p));
-            let misfit = (residual / square(&mut values.iter().copied()).max(f64::MIN_POSITIVE)).sqrt();
+            let misfit = relative_rms(&values, &fit.state.predicted);
             Ok((fit, misfit))
         };
         let found: Vec<(LaplaceFit, f64)> = parallel::map_range(3, one).into_iter().collect::<Result<_, _>>()?;

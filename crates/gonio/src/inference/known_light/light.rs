@@ -7,7 +7,7 @@ use crate::colour::{ChromaField, luminance_weights};
 use crate::lighting::EnvironmentMap;
 use crate::picture::Plane;
 use crate::render::{LightTree, Relighter};
-use crate::shape::{SurfacePoint, Visibility};
+use crate::shape::{Points, SurfacePoint, Visibility};
 use crate::sphere::lat_long_solid_angle;
 
 /// Share of the largest value from which pixels count as clipped.
@@ -103,7 +103,8 @@ impl Operator {
         light: &KnownLight,
         materials: &PriorMaterials<'_>,
     ) -> Self {
-        let part = |tree: &LightTree| Relighter::within(points, visibility, &materials.examples, tree, &ACCURACY);
+        let points = Points::new(points, visibility);
+        let part = |tree: &LightTree| Relighter::new(points, &materials.examples, tree, &ACCURACY);
         Self { rest: part(&light.rest), clipped: light.clipped.as_ref().map(part) }
     }
 
@@ -115,7 +116,8 @@ impl Operator {
         (light, gain): (&KnownLight, f64),
         materials: &PriorMaterials<'_>,
     ) -> [Self; 3] {
-        let part = |tree| Relighter::channels_within(points, visibility, &materials.examples, tree, &ACCURACY);
+        let points = Points::new(points, visibility);
+        let part = |tree| Relighter::of_channels(points, &materials.examples, tree, &ACCURACY);
         let rest = part(&light.rest);
         let whole = match &light.clipped {
             None => rest,

@@ -202,9 +202,7 @@ impl KnownLightPosterior {
         space: &ParameterSpace,
         turn: DQuat,
     ) -> Self {
-        let square = |values: &mut dyn Iterator<Item = f64>| values.map(|v| v * v).sum::<f64>();
-        let residual = square(&mut rows.values.iter().zip(&found.state.predicted).map(|(v, p)| v - p));
-        let misfit = (residual / square(&mut rows.values.iter().copied())).sqrt();
+        let misfit = relative_rms(rows.values, &found.state.predicted);
         let mut last = vec![0.0; image.len()];
         last[image.len() - 1] = 1.0;
         let gain = (image.len() > space.len()).then(|| {
@@ -245,7 +243,20 @@ impl KnownLightPosterior {
     }
 }
 
+/// Returns the root mean square difference of two images, relative to the first.
+fn relative_rms(values: &[f64], others: &[f64]) -> f64 {
+    let difference: f64 = values.iter().zip(others).map(|(v, other)| (v - other).powi(2)).sum();
+    let square: f64 = values.iter().map(|v| v.powi(2)).sum();
+    (difference / square.max(f64::MIN_POSITIVE)).sqrt()
+}
+
 impl ObservedPoints<'_> {
+    /// Returns the indices of at most `count` rows at equal steps.
+    fn every(&self, count: usize) -> Vec<usize> {
+        let total = self.values.len();
+        (0..total).step_by(total.div_ceil(count)).collect()
+    }
+
     /// Returns the normals in the frame of each point's view, so that views have no effect.
     fn normals(&self) -> Vec<DVec3> {
         self.points.iter().map(SurfacePoint::in_view).collect()

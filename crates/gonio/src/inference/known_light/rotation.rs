@@ -52,8 +52,7 @@ pub(super) fn propose(
     table: &BivariateTable,
     made: DVec3,
 ) -> Option<Proposal> {
-    let total = rows.values.len();
-    let some: Vec<usize> = (0..total).step_by(total.div_ceil(COMPARED)).collect();
+    let some = rows.every(COMPARED);
     let gain = image.gain(&found.state.coefficients);
     let slopes: Vec<[f64; 3]> = parallel::map(&some, |&at| slopes(image, rows, (light, gain), table, at));
     let (m, n) = (some.len(), image.len());

@@ -34,7 +34,7 @@ pub use numbers::{ScalarPosterior, peak_to_body};
 pub(crate) use posterior::sample;
 pub use posterior::{MaterialPosterior, Neighbour, interval_widths};
 pub(crate) use predictive::predict;
-pub use sphere_equivalent::{SphereEquivalent, SphereEquivalentSettings, to_sphere_equivalent};
+pub use sphere_equivalent::{SphereEquivalent, to_sphere_equivalent};
 pub use spread::ErrorScale;
 
 use crate::appearance::DiskImage;

@@ -15,24 +15,17 @@ use crate::lighting::{LightGrid, LightPrior};
 use crate::scene::Observations;
 use crate::transfer::{Prediction, QuadratureSettings, TransferSettings, predict};
 
-/// Settings of the removal of shadows.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SphereEquivalentSettings {
-    /// Largest number of estimates of material and light.
-    pub rounds: usize,
-    /// Mean absolute change of the log ratios below which they have converged.
-    pub tolerance: f64,
-    /// Number of observations for each normal of the lattice.
-    pub each: usize,
-    /// Approximate number of observations from which the light is estimated.
-    pub rows: usize,
-}
+/// Largest number of estimates of material and light.
+const ROUNDS: usize = 5;
 
-impl Default for SphereEquivalentSettings {
-    fn default() -> Self {
-        Self { rounds: 5, tolerance: 0.03, each: 4, rows: 1200 }
-    }
-}
+/// Mean absolute change of the log ratios below which they have converged.
+const TOLERANCE: f64 = 0.03;
+
+/// Number of observations for each normal of the lattice.
+const OBSERVATIONS_PER_NORMAL: usize = 4;
+
+/// Approximate number of observations from which the light is estimated.
+const LIGHT_OBSERVATIONS: usize = 1200;
 
 /// Largest ratio, and inverse of the smallest. Where a point receives a fifth of the light that the
 /// sphere would receive, noise and interreflections dominate.
@@ -68,7 +61,6 @@ pub fn to_sphere_equivalent(
     learnt: &LearntPosterior,
     prior: &LightPrior,
     transfer: &TransferSettings,
-    settings: &SphereEquivalentSettings,
 ) -> Result<SphereEquivalent, LightError> {
     let weights = observations.effective_weights();
     let points = &observations.points;
@@ -81,11 +73,11 @@ pub fn to_sphere_equivalent(
         return Ok(SphereEquivalent { image, channels, change });
     }
     let lattice = Lattice::new();
-    let few = observations.thinned(settings.rows);
-    let chosen = observations.select(&lattice.choose(points, &weights, settings.each));
+    let few = observations.thinned(LIGHT_OBSERVATIONS);
+    let chosen = observations.select(&lattice.choose(points, &weights, OBSERVATIONS_PER_NORMAL));
     let weights = chosen.effective_weights();
     let mut last = vec![0.0; weights.len()];
-    for _ in 0..settings.rounds {
+    for _ in 0..ROUNDS {
         let posterior = learnt.posterior(&image);
         let problem = LightProblem::of_observations(&few, &posterior.mean, prior, transfer)?;
         let evidence = problem.posterior()?;
@@ -117,7 +109,7 @@ pub fn to_sphere_equivalent(
         change = mean(&mut logs.iter().copied());
         let moved = mean(&mut logs.iter().zip(&last).map(|(a, b)| a - b));
         last = logs;
-        if moved < settings.tolerance {
+        if moved < TOLERANCE {
             break;
         }
     }

@@ -48,7 +48,7 @@ use puruspe::ln_gamma;
 use thiserror::Error;
 
 pub use operator::LightOperator;
-pub use positive::{NonNegativeLight, NonNegativeSettings, cut_off_at_zero};
+pub use positive::{NonNegativeLight, cut_off_at_zero};
 pub use posterior::{InferenceSettings, LightPosterior};
 pub use problem::{LightError, LightProblem};
 use scales::Scales;

@@ -8,28 +8,18 @@ use super::truncated::{Sites, truncated};
 use super::{LightInference, LightInferenceError, LightPosterior};
 use crate::sphere::Haar;
 
-/// Settings of the iterations of `non_negative_light`.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct NonNegativeSettings {
-    /// Number of times that the scales of the mixtures are re-estimated from the light without
-    /// negative texels.
-    pub rounds: usize,
-    /// Largest number of steps of expectation propagation in each round, each a factorisation of M
-    /// x M.
-    pub max_steps: usize,
-    /// Change of the light in one step, relative to its norm, at which it has converged; ten times
-    /// as much in all rounds but the last.
-    pub tolerance: f64,
-}
+/// Number of times that the scales of the mixtures are re-estimated from the light without negative
+/// texels.
+const ROUNDS: usize = 1;
+
+/// Largest number of steps of expectation propagation in each round, each a factorisation of M x M.
+const MAX_STEPS: usize = 20;
+
+/// Change of the light in one step, relative to its norm, at which it has converged.
+const TOLERANCE: f64 = 1e-3;
 
 /// Factor of the tolerance in all rounds but the last.
 const EARLIER: f64 = 10.0;
-
-impl Default for NonNegativeSettings {
-    fn default() -> Self {
-        Self { rounds: 1, max_steps: 20, tolerance: 1e-3 }
-    }
-}
 
 /// A light without negative texels.
 #[derive(Clone, Debug, PartialEq)]
@@ -70,7 +60,6 @@ impl LightInference<'_> {
         &self,
         design: &Design,
         posterior: &LightPosterior,
-        settings: &NonNegativeSettings,
     ) -> Result<NonNegativeLight, LightInferenceError> {
         let haar = square(design.matrix.ncols());
         let mut squares = posterior.state.squares.clone();
@@ -80,15 +69,15 @@ impl LightInference<'_> {
             let (quadratic, linear) = self.on_texels(design, haar, posterior, &squares);
             let sites = sites.get_or_insert_with(|| Sites::of_mean(&quadratic, &texels(haar, &posterior.light)));
             // The scales depend little on the last percent of the light.
-            let tolerance = if round == settings.rounds { 1.0 } else { EARLIER } * settings.tolerance;
-            let found = truncated(&quadratic, &linear, sites, tolerance, settings.max_steps)
-                .ok_or(LightInferenceError::NotFinite)?;
+            let tolerance = if round == ROUNDS { 1.0 } else { EARLIER } * TOLERANCE;
+            let found =
+                truncated(&quadratic, &linear, sites, tolerance, MAX_STEPS).ok_or(LightInferenceError::NotFinite)?;
             steps += found.steps;
             let (light, brightness) = self.normalised(haar, found.mean)?;
             let light_sd: Vec<f64> =
                 variances_of_coefficients(&found.root, haar).iter().map(|v| v.sqrt() / brightness).collect();
-            if round == settings.rounds {
-                let (exposure, converged) = (brightness * posterior.exposure, found.change <= settings.tolerance);
+            if round == ROUNDS {
+                let (exposure, converged) = (brightness * posterior.exposure, found.change <= TOLERANCE);
                 return Ok(NonNegativeLight { light, light_sd, exposure, steps, converged });
             }
             squares = light.iter().zip(&light_sd).map(|(l, sd)| l * l + sd * sd).collect();
@@ -248,9 +237,7 @@ mod tests {
                 LightInference::new(&target, 0.0, target.len(), 64, &prior, Hyperparameters::default()).unwrap();
             let posterior = inference.posterior(&operator, &InferenceSettings::default()).unwrap();
             let lowest = lit(&posterior.light).into_iter().fold(f64::MAX, f64::min);
-            let got = inference
-                .non_negative_light(&inference.design(operator.clone()), &posterior, &NonNegativeSettings::default())
-                .unwrap();
+            let got = inference.non_negative_light(&inference.design(operator.clone()), &posterior).unwrap();
             assert!(got.converged, "{noise}: {} steps", got.steps);
             let top = lit(&got.light).into_iter().fold(0.0, f64::max);
             assert!(lowest < -0.02 * top, "{noise}: nothing to remove: {lowest} of {top}");
@@ -271,9 +258,7 @@ mod tests {
                 LightInference::new(&target, 0.0, target.len(), 256, &prior, Hyperparameters::default()).unwrap();
             let settings = InferenceSettings { max_steps: 3, ..Default::default() };
             let posterior = inference.posterior(&operator, &settings).unwrap();
-            inference
-                .non_negative_light(&inference.design(operator.clone()), &posterior, &NonNegativeSettings::default())
-                .unwrap()
+            inference.non_negative_light(&inference.design(operator.clone()), &posterior).unwrap()
         };
         assert_eq!(on_threads(1, run), on_threads(3, run));
     }
@@ -302,9 +287,7 @@ mod tests {
         let inference = LightInference::new(&target, 0.0, 40, 16, &prior, Hyperparameters::default()).unwrap();
         let operator = LightOperator::from_rows(40, 16, &entries);
         let posterior = inference.posterior(&operator, &InferenceSettings::default()).unwrap();
-        let got = inference
-            .non_negative_light(&inference.design(operator.clone()), &posterior, &NonNegativeSettings::default())
-            .unwrap();
+        let got = inference.non_negative_light(&inference.design(operator.clone()), &posterior).unwrap();
         let got = got.light;
         assert!(distance(&got, &posterior.light) < 1e-3 * distance(&got, &[0.0; 16]), "{got:?} {:?}", posterior.light);
     }

@@ -3,10 +3,7 @@
 use thiserror::Error;
 
 use super::factor::Design;
-use super::{
-    InferenceSettings, LightInference, LightInferenceError, LightOperator, LightPosterior, NonNegativeLight,
-    NonNegativeSettings,
-};
+use super::{InferenceSettings, LightInference, LightInferenceError, LightOperator, LightPosterior, NonNegativeLight};
 use crate::inference::{Hyperparameters, ImageError};
 use crate::lighting::LightPrior;
 use crate::reflectance::BivariateTable;
@@ -142,12 +139,8 @@ impl<'a> LightProblem<'a> {
     ///
     /// # Errors
     /// Those of `LightInference::non_negative_light`.
-    pub fn non_negative(
-        &self,
-        posterior: &LightPosterior,
-        settings: &NonNegativeSettings,
-    ) -> Result<NonNegativeLight, LightError> {
-        Ok(self.inference.non_negative_light(&self.design, posterior, settings)?)
+    pub fn non_negative(&self, posterior: &LightPosterior) -> Result<NonNegativeLight, LightError> {
+        Ok(self.inference.non_negative_light(&self.design, posterior)?)
     }
 
     /// Returns the root mean square residual of a light, relative to that of the image.

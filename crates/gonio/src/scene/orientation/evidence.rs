@@ -2,13 +2,13 @@
 
 use glam::{DVec2, DVec3};
 
-use super::{AxisFit, OrientationSettings};
+use super::AxisFit;
+use super::thresholds::{GRID_CELLS, MIN_RIM_PIXELS, MIN_SQUARES, MIN_TWIST, MIN_Z, REACH, RIM_SHARE, RIM_TILT};
 use crate::picture::Plane;
 use crate::scene::Correction;
 
 /// Normals that serve as evidence for the order of channels.
-pub(super) struct Evidence<'a> {
-    settings: &'a OrientationSettings,
+pub(super) struct Evidence {
     /// Number of normals.
     count: usize,
     /// Number of normals whose value in each channel is not positive.
@@ -21,9 +21,9 @@ pub(super) struct Evidence<'a> {
     outline: Vec<(DVec3, DVec2)>,
 }
 
-impl<'a> Evidence<'a> {
+impl Evidence {
     /// Collects the normals; `None` for a map without normals.
-    pub(super) fn of(surface: &Plane<Option<DVec3>>, settings: &'a OrientationSettings) -> Option<Self> {
+    pub(super) fn of(surface: &Plane<Option<DVec3>>) -> Option<Self> {
         let (width, height) = surface.size();
         let all = || surface.as_slice().iter().flatten();
         let count = all().count();
@@ -38,7 +38,7 @@ impl<'a> Evidence<'a> {
         };
         let low = places().fold((width, height), |l, p| (l.0.min(p.0), l.1.min(p.1)));
         let high = places().fold((0, 0), |h, p| (h.0.max(p.0), h.1.max(p.1)));
-        let side = ((high.0 - low.0).max(high.1 - low.1) / settings.cells).max(2);
+        let side = ((high.0 - low.0).max(high.1 - low.1) / GRID_CELLS).max(2);
         let along = |from: (usize, usize), step: (usize, usize)| -> Option<Vec<DVec3>> {
             (0..=side).map(|i| surface[(from.0 + i * step.0, from.1 + i * step.1)]).collect()
         };
@@ -56,12 +56,11 @@ impl<'a> Evidence<'a> {
                 }
             }
         }
-        Some(Self { settings, count, not_positive, not_negative, squares, outline: outline(surface, settings.reach) })
+        Some(Self { count, not_positive, not_negative, squares, outline: outline(surface) })
     }
 
     /// Computes how well the order that results from a correction fits a surface.
     pub(super) fn fit(&self, correction: Correction) -> AxisFit {
-        let settings = self.settings;
         let order = |n: DVec3| correction.apply(n.as_vec3()).as_dvec3();
         let z = correction.order[2];
         let away = if correction.flip_z { self.not_negative[z] } else { self.not_positive[z] };
@@ -69,11 +68,10 @@ impl<'a> Evidence<'a> {
             .outline
             .iter()
             .map(|(n, out)| (order(*n).truncate(), out))
-            .filter(|(n, _)| n.length() > settings.rim_tilt)
+            .filter(|(n, _)| n.length() > RIM_TILT)
             .map(|(n, out)| n.normalize().dot(*out))
             .collect();
-        let is_rim = cosines.len() >= settings.fewest_at_rim
-            && cosines.len() as f64 >= settings.rim_share * self.outline.len() as f64;
+        let is_rim = cosines.len() >= MIN_RIM_PIXELS && cosines.len() as f64 >= RIM_SHARE * self.outline.len() as f64;
         let mean = |f: fn(f64) -> f64| cosines.iter().copied().map(f).sum::<f64>() / cosines.len() as f64;
         AxisFit {
             back_facing: away as f64 / self.count as f64,
@@ -93,7 +91,7 @@ impl<'a> Evidence<'a> {
             let mut sum = DVec2::ZERO;
             for (i, n) in path.iter().enumerate() {
                 let n = order(*n);
-                if n.z < self.settings.min_z {
+                if n.z < MIN_Z {
                     return None;
                 }
                 let weight = if i == 0 || i + 1 == path.len() { 0.5 } else { 1.0 };
@@ -113,28 +111,28 @@ impl<'a> Evidence<'a> {
             twist += across.abs() + along.abs();
             bend += (right.x - left.x).abs() + (top.y - bottom.y).abs();
         }
-        let tells = squares >= self.settings.min_squares && twist > self.settings.min_twist * (twist + bend);
+        let tells = squares >= MIN_SQUARES && twist > MIN_TWIST * (twist + bend);
         tells.then(|| off / twist)
     }
 }
 
 /// Collects the normals at the outline with their outward directions.
 ///
-/// The outward direction points away from the centre of mass of the pixels within `reach`. Pixels
+/// The outward direction points away from the centre of mass of the pixels within [`REACH`]. Pixels
 /// near the border of the picture are omitted, because the object may continue there.
-fn outline(surface: &Plane<Option<DVec3>>, reach: usize) -> Vec<(DVec3, DVec2)> {
+fn outline(surface: &Plane<Option<DVec3>>) -> Vec<(DVec3, DVec2)> {
     let (width, height) = surface.size();
     let mut outline = Vec::new();
-    for y in reach..height.saturating_sub(reach) {
-        for x in reach..width.saturating_sub(reach) {
+    for y in REACH..height.saturating_sub(REACH) {
+        for x in REACH..width.saturating_sub(REACH) {
             let Some(normal) = surface[(x, y)] else { continue };
             let edge = [(x - 1, y), (x + 1, y), (x, y - 1), (x, y + 1)].iter().any(|p| surface[*p].is_none());
             if !edge {
                 continue;
             }
             let mut inwards = DVec2::ZERO;
-            for v in y - reach..=y + reach {
-                for u in x - reach..=x + reach {
+            for v in y - REACH..=y + REACH {
+                for u in x - REACH..=x + REACH {
                     if surface[(u, v)].is_some() {
                         inwards += DVec2::new(u as f64 - x as f64, y as f64 - v as f64);
                     }

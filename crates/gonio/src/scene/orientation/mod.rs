@@ -11,16 +11,16 @@
 //! case the order of the rounder object is suggested.
 
 mod evidence;
-mod settings;
 #[cfg(test)]
 mod tests;
+mod thresholds;
 
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use self::evidence::Evidence;
-pub use self::settings::OrientationSettings;
+use self::thresholds::{ROUNDER, TIED, fault, mends};
 use super::observed::check_size;
 use super::{Correction, SceneError};
 use crate::picture::Plane;
@@ -77,7 +77,7 @@ pub struct Orientation {
 }
 
 impl Orientation {
-    /// Tests the order of the channels of a normal map with the default [`OrientationSettings`].
+    /// Tests the order of the channels of a normal map.
     ///
     /// Only pixels with a `coverage` of at least one half are tested, or all pixels without it.
     /// Normals that have length zero or are not finite count as missing.
@@ -88,21 +88,6 @@ impl Orientation {
     /// # Errors
     /// [`SceneError::Sizes`]; [`SceneError::NoNormals`].
     pub fn of(normals: &Plane<Vec3>, coverage: Option<&Plane<f32>>) -> Result<Self, SceneError> {
-        Self::by(&OrientationSettings::default(), normals, coverage)
-    }
-
-    /// Like [`Self::of`], with other settings.
-    ///
-    /// # Errors
-    /// Like [`Self::of`].
-    ///
-    /// # Panics
-    /// If [`OrientationSettings::cells`] is zero.
-    pub fn by(
-        settings: &OrientationSettings,
-        normals: &Plane<Vec3>,
-        coverage: Option<&Plane<f32>>,
-    ) -> Result<Self, SceneError> {
         if let Some(coverage) = coverage {
             check_size("mask", coverage.size(), normals.size())?;
         }
@@ -110,20 +95,20 @@ impl Orientation {
             let covered = coverage.is_none_or(|c| c[(x, y)] >= 0.5);
             normals[(x, y)].as_dvec3().try_normalize().filter(|_| covered)
         });
-        let evidence = Evidence::of(&surface, settings).ok_or(SceneError::NoNormals)?;
+        let evidence = Evidence::of(&surface).ok_or(SceneError::NoNormals)?;
         let given = evidence.fit(Correction::default());
-        let fault = settings.fault(&given);
+        let fault = fault(&given);
         let nothing = Self { given, fault, corrections: Vec::new(), confidence: 0.0 };
         let Some(contradicting) = fault else { return Ok(nothing) };
         let all = Correction::all().into_iter().map(|c| (c, evidence.fit(c)));
         let mut fitting: Vec<(Correction, AxisFit)> =
-            all.filter(|(_, fit)| settings.mends(contradicting, &given, fit)).collect();
+            all.filter(|(_, fit)| mends(contradicting, &given, fit)).collect();
         let least = fitting.iter().filter_map(|f| f.1.circulation).fold(f64::INFINITY, f64::min);
-        fitting.retain(|f| f.1.circulation.is_some_and(|c| c < least + settings.tied));
+        fitting.retain(|f| f.1.circulation.is_some_and(|c| c < least + TIED));
         // The rim decides among the remaining orders if every one of them has a rim.
         let outwards = fitting.iter().map(|f| f.1.outwards()).collect::<Option<Vec<f64>>>();
         if let Some(best) = outwards.and_then(|r| r.into_iter().reduce(f64::max)) {
-            fitting.retain(|f| f.1.outwards().is_some_and(|r| r > best - settings.rounder));
+            fitting.retain(|f| f.1.outwards().is_some_and(|r| r > best - ROUNDER));
         }
         let Some((_, first)) = fitting.first() else { return Ok(nothing) };
         let straighter = first.rim.zip(given.rim).map_or(0.0, |(a, b)| a.1 - b.1);

@@ -318,8 +318,7 @@ pub fn merge_files(
     let options = BracketOptions { times: reading.times.clone(), read };
     let bracket = picture::read_bracket(paths, &options)?;
     let exposures = &bracket.exposures;
-    let settings =
-        MergeSettings { align: !reading.no_align, trust_times: reading.trust_times, ..MergeSettings::default() };
+    let settings = MergeSettings { align: !reading.no_align, trust_times: reading.trust_times };
     let max = exposures.first().map_or(u16::from(u8::MAX), |e| e.codes.max());
     let black = reading.black_level.unwrap_or(0.0);
     black_share(black, max.into())?;

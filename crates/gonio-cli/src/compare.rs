@@ -12,7 +12,7 @@ use serde_json::json;
 use crate::batch;
 use crate::input::require_extension;
 use crate::outcome::Outcome;
-use crate::progress::StageProgress;
+use crate::progress::ProgressLine;
 use crate::suggestion::plain;
 
 /// Largest number of pairs whose agreement is printed.
@@ -94,13 +94,13 @@ fn is_batch(folder: &Path) -> Result<bool> {
 pub(crate) fn run(options: &CompareOptions) -> Result<Outcome> {
     let output = options.output()?;
     let given = options.given()?;
-    let stage = StageProgress::new("comparing");
+    let line = ProgressLine::new("comparing");
     let comparison = compare::read(&given, &output);
     if comparison.count() < 2 {
         bail!("{}: contains only one result; specify at least two result folders", options.folders[0].display());
     }
     write_file(&output, comparison.render().as_bytes())?;
-    stage.finish();
+    line.finish();
     Ok(outcome(&comparison, &output.display().to_string()))
 }
 

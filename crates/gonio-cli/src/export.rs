@@ -18,7 +18,7 @@ use serde_json::json;
 
 use crate::input::{self, parse_share};
 use crate::outcome::Outcome;
-use crate::progress::StageProgress;
+use crate::progress::ProgressLine;
 use crate::space::OutputSpace;
 use crate::suggestion::{plain, words};
 
@@ -121,10 +121,10 @@ pub(crate) fn run(options: &ExportOptions) -> Result<Outcome> {
         with_tables: options.tables,
         draws,
     };
-    let stage = StageProgress::new("fitting models");
+    let line = ProgressLine::new("fitting models");
     let input = options.input.display().to_string();
-    let summary = export.write(&folder, &targets, &input, &|x| stage.report(x)).map_err(plain)?;
-    stage.finish();
+    let summary = export.write(&folder, &targets, &input, &|x| line.report("fitting models", x)).map_err(plain)?;
+    line.finish();
     let warnings: Vec<String> = Spaces { input: None, output: options.space.space() }
         .warning(&file.display().to_string(), &colours)
         .iter()

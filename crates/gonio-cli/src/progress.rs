@@ -59,17 +59,19 @@ pub(crate) fn share_terminal(shared: bool) {
     SHARED.store(shared, Ordering::Relaxed);
 }
 
-/// Progress line of one stage. Hidden at first, and if standard error is not a terminal.
-pub(crate) struct StageProgress {
+/// Progress line of successive stages. Hidden at first, and if standard error is not a terminal.
+pub(crate) struct ProgressLine {
     bar: ProgressBar,
+    /// The present stage and its start.
     now: Mutex<(&'static str, Instant)>,
 }
 
-impl StageProgress {
-    pub(crate) fn new(name: &'static str) -> Self {
+impl ProgressLine {
+    /// Starts with a stage.
+    pub(crate) fn new(first: &'static str) -> Self {
         let bar = ProgressBar::with_draw_target(Some(BAR_STEPS), ProgressDrawTarget::hidden());
         bar.set_style(style(WITHOUT_BAR));
-        bar.set_message(name);
+        bar.set_message(first);
         // The line appears even if the stage reports no progress.
         let line = bar.downgrade();
         thread::spawn(move || {
@@ -81,12 +83,25 @@ impl StageProgress {
                 bar.enable_steady_tick(TICK);
             }
         });
-        Self { bar, now: Mutex::new((name, Instant::now())) }
+        Self { bar, now: Mutex::new((first, Instant::now())) }
     }
 
-    /// Reports that a fraction (0..=1) of the stage is complete.
-    pub(crate) fn report(&self, fraction: f64) {
-        let position = ((fraction.clamp(0.0, 1.0) * BAR_STEPS as f64) as u64).min(BAR_STEPS - BAR_STEPS / 100);
+    /// Reports that a fraction (0..=1) of a stage is complete. The first report of a stage ends the
+    /// previous stage.
+    pub(crate) fn report(&self, stage: &'static str, fraction: f64) {
+        let Ok(mut now) = self.now.lock() else { return };
+        // The start of the next stage reports the end of this one.
+        if fraction >= 1.0 {
+            return;
+        }
+        if now.0 != stage {
+            self.end_stage(*now);
+            *now = (stage, Instant::now());
+            self.bar.set_style(style(WITHOUT_BAR));
+            self.bar.set_position(0);
+            self.bar.set_message(stage);
+        }
+        let position = ((fraction.max(0.0) * BAR_STEPS as f64) as u64).min(BAR_STEPS - BAR_STEPS / 100);
         let before = self.bar.position();
         // Several threads report, so a fraction can be smaller than the last one.
         if position > before {
@@ -97,24 +112,16 @@ impl StageProgress {
         }
     }
 
-    /// Starts another stage, whose fraction is still unknown.
-    fn go_on(&self, name: &'static str) {
-        self.tell(name);
-        self.bar.set_style(style(WITHOUT_BAR));
-        self.bar.set_position(0);
-        self.bar.set_message(name);
-    }
-
     /// Removes the line.
     pub(crate) fn finish(self) {
         self.bar.finish_and_clear();
-        self.tell("");
+        if let Ok(now) = self.now.lock() {
+            self.end_stage(*now);
+        }
     }
 
-    /// Prints the duration of the stage that ends now, if verbose.
-    fn tell(&self, next: &'static str) {
-        let Ok(mut now) = self.now.lock() else { return };
-        let (name, start) = std::mem::replace(&mut *now, (next, Instant::now()));
+    /// Prints the duration of a stage that ends now, if verbose.
+    fn end_stage(&self, (name, start): (&'static str, Instant)) {
         if is_verbose() {
             self.bar.suspend(|| eprintln!("{name}: {:.2} s", start.elapsed().as_secs_f64()));
         }
@@ -126,51 +133,18 @@ fn style(template: &str) -> ProgressStyle {
     style.progress_chars("=> ")
 }
 
-/// Progress line of successive stages.
-pub(crate) struct ProgressLine {
-    line: StageProgress,
-    on: Mutex<&'static str>,
-}
-
-impl ProgressLine {
-    /// Starts with a stage.
-    pub(crate) fn new(first: &'static str) -> Self {
-        Self { line: StageProgress::new(first), on: Mutex::new(first) }
-    }
-
-    /// Reports that a fraction (0..=1) of a stage is complete. The first report of a stage ends the
-    /// previous stage.
-    pub(crate) fn report(&self, stage: &'static str, fraction: f64) {
-        let Ok(mut on) = self.on.lock() else { return };
-        if *on != stage {
-            // The start of the next stage reports the end of this one.
-            if fraction >= 1.0 {
-                return;
-            }
-            *on = stage;
-            self.line.go_on(stage);
-        }
-        if fraction < 1.0 {
-            self.line.report(fraction);
-        }
-    }
-
-    /// Removes the line.
-    pub(crate) fn finish(self) {
-        self.line.finish();
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
     fn bar_never_decreases_and_is_never_full() {
-        let stage = StageProgress::new("drawing");
-        for (fraction, position) in [(0.0, 0), (0.5, 500), (0.25, 500), (1.0, 990), (f64::NAN, 990)] {
-            stage.report(fraction);
-            assert_eq!(stage.bar.position(), position);
+        let line = ProgressLine::new("drawing");
+        for (fraction, position) in
+            [(0.0, 0), (0.5, 500), (0.25, 500), (0.999, 990), (1.0, 990), (f64::NAN, 990), (-1.0, 990)]
+        {
+            line.report("drawing", fraction);
+            assert_eq!(line.bar.position(), position);
         }
     }
 
@@ -179,9 +153,9 @@ mod tests {
         let stages = ProgressLine::new("reading");
         stages.report("reading", 0.7);
         stages.report("drawing", 0.0);
-        assert_eq!((stages.line.bar.message(), stages.line.bar.position()), ("drawing".to_owned(), 0));
+        assert_eq!((stages.bar.message(), stages.bar.position()), ("drawing".to_owned(), 0));
         stages.report("reading", 1.0);
         stages.report("drawing", 0.2);
-        assert_eq!((stages.line.bar.message(), stages.line.bar.position()), ("drawing".to_owned(), 200));
+        assert_eq!((stages.bar.message(), stages.bar.position()), ("drawing".to_owned(), 200));
     }
 }

@@ -19,7 +19,7 @@ use serde_json::json;
 
 use crate::input;
 use crate::outcome::Outcome;
-use crate::progress::StageProgress;
+use crate::progress::ProgressLine;
 use crate::space::SpaceName;
 use crate::suggestion::{self, plain};
 use crate::surface::SurfaceOptions;
@@ -123,23 +123,23 @@ pub(crate) fn run(options: &RenderOptions) -> Result<Outcome> {
         Some(shape) => shape.surface(size, &mut warnings).map_err(plain)?,
         None => None,
     };
-    let stage = StageProgress::new("rendering");
+    let line = ProgressLine::new("rendering");
     let brdfs: Vec<&dyn Brdf> = materials.iter().map(AsRef::as_ref).collect();
     let render = |(at, brdfs): (usize, &[&dyn Brdf])| {
-        let progress = |x| stage.report((at as f64 + x) / materials.len().div_ceil(DRAWS_PER_PASS) as f64);
+        let progress = |x| line.report("rendering", (at as f64 + x) / materials.len().div_ceil(DRAWS_PER_PASS) as f64);
         match &placed {
             Some(placed) => {
                 let settings = SurfaceSettings { samples, accuracy, shadows: !options.no_shadows };
                 render_surfaces(brdfs, &light, placed.surface.as_ref(), &placed.camera, &settings, &progress)
             }
             None => {
-                let settings = SphereSettings { size: size.0, samples, accuracy, ..SphereSettings::default() };
+                let settings = SphereSettings { size: size.0, samples, accuracy };
                 render_spheres(brdfs, &light, &settings, &progress)
             }
         }
     };
     let pictures: Vec<Picture> = brdfs.chunks(DRAWS_PER_PASS).enumerate().flat_map(render).collect();
-    stage.finish();
+    line.finish();
     let bytes = match (png, options.draws) {
         (true, _) => gonio_io::picture::encode_png(&strip(&pictures)),
         (false, None) => {

@@ -27,14 +27,14 @@ impl Trained {
     ) -> Result<Self> {
         let key = key(&what(), settings, materials)?;
         let rank = settings.nmf.rank;
-        let stored = cache.load(&key).and_then(|bytes| serde_json::from_slice::<Self>(&bytes).ok());
+        let stored: Option<Self> = cache.load_json(&key);
         // Guards against bytes that were stored under a wrong name by hand.
         if let Some(found) = stored.filter(|t| t.basis.len() == rank && t.report.fits.len() == materials.len()) {
             return Ok(found);
         }
         let (basis, report) = train(materials, settings).with_context(|| format!("basis of rank {rank}"))?;
         let trained = Self { basis, report };
-        cache.store(&key, &serde_json::to_vec(&trained)?)?;
+        cache.store_json(&key, &trained)?;
         Ok(trained)
     }
 }

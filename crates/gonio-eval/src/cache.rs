@@ -5,6 +5,8 @@ use std::fs;
 use std::path::PathBuf;
 
 use anyhow::{Context, Result};
+use serde::Serialize;
+use serde::de::DeserializeOwned;
 
 /// A folder with one file per entry. The readers of entries reject damaged ones, which are then
 /// computed again.
@@ -33,5 +35,15 @@ impl Cache {
     pub(crate) fn store(&self, key: &str, content: &[u8]) -> Result<()> {
         fs::create_dir_all(&self.0).with_context(|| format!("{}: cannot create the cache", self.0.display()))?;
         Ok(gonio_io::atomic::write_file(self.0.join(key), content)?)
+    }
+
+    /// Returns the value stored under a key as JSON.
+    pub(crate) fn load_json<T: DeserializeOwned>(&self, key: &str) -> Option<T> {
+        serde_json::from_slice(&self.load(key)?).ok()
+    }
+
+    /// Stores a value under a key as JSON.
+    pub(crate) fn store_json(&self, key: &str, value: &impl Serialize) -> Result<()> {
+        self.store(key, &serde_json::to_vec(value)?)
     }
 }

@@ -156,7 +156,7 @@ pub(crate) fn colours(
         hasher.update(lights.fingerprint(name)?.as_bytes());
     }
     let key = format!("colours-{}", hasher.finalize().to_hex());
-    if let Some(found) = cache.load(&key).and_then(|bytes| serde_json::from_slice(&bytes).ok()) {
+    if let Some(found) = cache.load_json(&key) {
         return Ok(found);
     }
     let mut pool = ColourPool::new(learnt, materials);
@@ -167,7 +167,7 @@ pub(crate) fn colours(
     }
     progress.finish();
     let found = pool.learn();
-    cache.store(&key, &serde_json::to_vec(&found)?)?;
+    cache.store_json(&key, &found)?;
     Ok(found)
 }
 

@@ -65,7 +65,7 @@ pub(crate) fn render<'py>(
                 render_surface(&*brdf, &tree, placed.surface.as_ref(), &placed.camera, &settings, &report)
             }
             None => {
-                let settings = SphereSettings { size: width, samples, accuracy, ..SphereSettings::default() };
+                let settings = SphereSettings { size: width, samples, accuracy };
                 render_sphere(&*brdf, &tree, &settings, &report)
             }
         };

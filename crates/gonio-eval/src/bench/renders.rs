@@ -72,16 +72,6 @@ pub(crate) fn render(material: &MerlTable, light: &LightTree, points: &[SurfaceP
     Render { rgb: points.par_iter().map(rgb).collect() }
 }
 
-/// Loads a render from the cache.
-pub(crate) fn load(cache: &Cache, key: &str) -> Option<Render> {
-    serde_json::from_slice(&cache.load(key)?).ok()
-}
-
-/// Stores a render in the cache.
-pub(crate) fn store(cache: &Cache, key: &str, render: &Render) -> Result<()> {
-    cache.store(key, &serde_json::to_vec(render)?)
-}
-
 /// Returns the images of basis functions in a light, `[point][function]`. Loads them from the cache
 /// if it contains them.
 pub(crate) fn images(

@@ -163,7 +163,8 @@ impl Bench {
             wanted.extend(self.relit_in(unit).into_iter().map(|light| (light, true, unit.material)));
         }
         let points = |relit: bool| if relit { &self.stage.points } else { &self.points };
-        wanted.retain(|(light, relit, m)| renders::load(&self.cache, &self.key(*m, light, points(*relit))).is_none());
+        let stored = |key: &str| self.cache.load_json::<Render>(key);
+        wanted.retain(|(light, relit, m)| stored(&self.key(*m, light, points(*relit))).is_none());
         let progress = Progress::new("rendering", wanted.len());
         let mut tree: Option<(&str, LightTree)> = None;
         for (light, relit, material) in &wanted {
@@ -173,7 +174,7 @@ impl Bench {
             let (_, tree) = tree.as_ref().expect("just made");
             let points = points(*relit);
             let render = renders::render(&self.materials.full(*material)?, tree, points);
-            renders::store(&self.cache, &self.key(*material, light, points), &render)?;
+            self.cache.store_json(&self.key(*material, light, points), &render)?;
             progress.step();
         }
         progress.finish();
@@ -181,7 +182,8 @@ impl Bench {
     }
 
     fn load(&self, material: usize, light: &str, points: &[SurfacePoint]) -> Result<Render> {
-        renders::load(&self.cache, &self.key(material, light, points))
+        self.cache
+            .load_json(&self.key(material, light, points))
             .context("a render is no longer in the cache; run again")
     }
 

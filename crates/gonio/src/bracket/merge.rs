@@ -15,15 +15,17 @@ use crate::statistics::{median, quantile};
 /// Largest share of the exposures that may be left out because they are inconsistent.
 const MAX_LEFT_OUT: f64 = 1.0 / 3.0;
 
+/// Share of the largest code at or above which codes are clipped: the topmost five of 256. JPEG
+/// compression blurs the clipping of the file itself slightly.
+const WHITE: f64 = 250.5 / 255.0;
+
+/// Largest share of the pixels that may disagree between exposures; above it, the bracket is
+/// rejected. At high contrast, JPEG alone causes several per cent.
+const MOTION: f64 = 0.06;
+
 /// Settings for merging exposures.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MergeSettings {
-    /// Share of the largest code, 0..=1, at or above which codes are clipped. JPEG compression
-    /// blurs the clipping of the file itself slightly.
-    pub white: f64,
-    /// Largest share of the pixels, 0..=1, that may disagree between exposures; above it, the
-    /// bracket is rejected.
-    pub motion: f64,
     /// Whether to shift the exposures so that the scene coincides.
     pub align: bool,
     /// Whether to use the times without checking or correcting them, and to accept any share of
@@ -32,10 +34,8 @@ pub struct MergeSettings {
 }
 
 impl Default for MergeSettings {
-    /// Clips the topmost five of 256 codes and accepts disagreement of 6 % of the pixels: at high
-    /// contrast, JPEG alone causes several per cent.
     fn default() -> Self {
-        Self { white: 250.5 / 255.0, motion: 0.06, align: true, trust_times: false }
+        Self { align: true, trust_times: false }
     }
 }
 
@@ -124,7 +124,7 @@ pub fn merge(
 ) -> Result<Merged, BracketError> {
     check(exposures)?;
     let shifts = if settings.align { shifts(exposures) } else { vec![(0, 0); exposures.len()] };
-    let bracket = Bracket { exposures, shifts, response, settings };
+    let bracket = Bracket { exposures, shifts, response };
     let all: Vec<usize> = (0..exposures.len()).collect();
     let error = match bracket.attempt(&all, settings.trust_times) {
         Err(error) if error.is_contradiction() && !settings.trust_times => error,
@@ -145,7 +145,6 @@ struct Bracket<'a> {
     exposures: &'a [Exposure],
     shifts: Vec<(i32, i32)>,
     response: Option<&'a Response>,
-    settings: &'a MergeSettings,
 }
 
 /// The result of merging some of the exposures.
@@ -174,11 +173,11 @@ impl<'a> Bracket<'a> {
             Some(response) => response.resampled(frames[0].max()),
             None => Response::of_frames(&frames)?,
         };
-        let tables = [0, 1, 2].map(|channel| Table::new(response.curve(channel), self.settings.white));
+        let tables = [0, 1, 2].map(|channel| Table::new(response.curve(channel), WHITE));
         let time_errors = correct(&mut frames, &tables, self.response.is_none(), trusted)?;
         let row = merged(&frames, self.exposures.len(), &tables);
         let attempt = Attempt { frames, response, tables, time_errors, row };
-        if attempt.moved() > self.settings.motion && !trusted {
+        if attempt.moved() > MOTION && !trusted {
             return Err(BracketError::Motion { moved: attempt.row.moved, compared: attempt.row.compared });
         }
         if attempt.row.from.iter().all(|&n| n == 0) {

@@ -21,19 +21,21 @@ pub struct MixtureSettings {
     pub components: usize,
     /// Number of starts; the result with the highest likelihood is kept.
     pub restarts: usize,
-    /// Largest number of iterations of each start.
-    pub iterations: usize,
-    /// Increase of the mean log likelihood below which a start ends.
-    pub tolerance: f64,
     /// Seed of the starts.
     pub seed: u64,
 }
 
 impl Default for MixtureSettings {
     fn default() -> Self {
-        Self { components: 2, restarts: 8, iterations: 2000, tolerance: 1e-10, seed: 1 }
+        Self { components: 2, restarts: 8, seed: 1 }
     }
 }
+
+/// Largest number of iterations of each start.
+const MAX_ITERATIONS: usize = 2000;
+
+/// Increase of the mean log likelihood below which a start ends.
+const TOLERANCE: f64 = 1e-10;
 
 /// Number of samples above which runs of equal count of the sorted magnitudes are replaced by their
 /// root mean squares. A zero-mean mixture depends only on magnitudes, and a run holds less than one
@@ -64,13 +66,13 @@ impl ScaleMixture {
 
     /// Fits from one start to samples given as squared magnitudes with weights. Returns the mean
     /// log likelihood and the mixture.
-    fn fit_once(magnitudes: &[(f64, f64)], start: Self, settings: &MixtureSettings) -> (f64, Self) {
+    fn fit_once(magnitudes: &[(f64, f64)], start: Self) -> (f64, Self) {
         let n = start.weights.len();
         let mean_square = magnitudes.iter().map(|(x2, w)| x2 * w).sum::<f64>();
         // Prevents a component from collapsing onto the samples nearest to zero.
         let floor = 1e-9 * mean_square;
         let (mut mixture, mut best) = (start, f64::NEG_INFINITY);
-        for _ in 0..settings.iterations {
+        for _ in 0..MAX_ITERATIONS {
             let (mut mass, mut spread, mut likelihood) = (vec![0.0; n], vec![0.0; n], 0.0);
             let constants: Vec<(f64, f64)> = (0..n)
                 .map(|k| {
@@ -104,7 +106,7 @@ impl ScaleMixture {
             }
             let total: f64 = mixture.weights.iter().sum();
             mixture.weights.iter_mut().for_each(|w| *w /= total);
-            if likelihood - best < settings.tolerance {
+            if likelihood - best < TOLERANCE {
                 best = best.max(likelihood);
                 break;
             }
@@ -149,7 +151,7 @@ impl ScaleMixture {
                 // The tail lies far beyond the last quantile.
                 variances[n - 1] *= if restart == 0 { 2.0 } else { rng.random_range(1.0..20.0) };
                 let start = Self { weights: vec![1.0 / n as f64; n], variances };
-                Self::fit_once(&magnitudes, start, settings)
+                Self::fit_once(&magnitudes, start)
             })
             .reduce(|a, b| if b.0 > a.0 { b } else { a })?;
         let mut order: Vec<usize> = (0..n).collect();

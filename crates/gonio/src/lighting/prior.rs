@@ -200,12 +200,8 @@ impl LightPrior {
             let threshold = (low - gap).clamp(-dc, -1e-3 * dc);
             return RectifiedGaussian::fit(samples, threshold).map(CoefficientPrior::Rectified).ok_or_else(flat);
         }
-        let settings = MixtureSettings {
-            components: group.components(),
-            restarts: settings.restarts,
-            seed: settings.seed,
-            ..MixtureSettings::default()
-        };
+        let settings =
+            MixtureSettings { components: group.components(), restarts: settings.restarts, seed: settings.seed };
         ScaleMixture::fit(samples, &settings).map(CoefficientPrior::Mixture).ok_or_else(flat)
     }
 

@@ -19,24 +19,25 @@ use crate::shape::{Points, SurfacePoint};
 pub struct SphereSettings {
     /// Width and height of the picture in pixels.
     pub size: usize,
-    /// Width in pixels of the empty margin around the sphere.
-    pub margin: f64,
     /// Number of samples along each side of a pixel.
     pub samples: usize,
     /// Accuracy of each sample.
     pub accuracy: Accuracy,
 }
 
+/// Width in pixels of the empty margin around the sphere.
+const MARGIN: f64 = 2.0;
+
 impl Default for SphereSettings {
     fn default() -> Self {
-        Self { size: 256, margin: 2.0, samples: 1, accuracy: Accuracy::default() }
+        Self { size: 256, samples: 1, accuracy: Accuracy::default() }
     }
 }
 
 impl SphereSettings {
     /// Returns the radius of the sphere in pixels. Its centre is the centre of the picture.
     pub fn radius(&self) -> f64 {
-        (0.5 * self.size as f64 - self.margin).max(1.0)
+        (0.5 * self.size as f64 - MARGIN).max(1.0)
     }
 }
 

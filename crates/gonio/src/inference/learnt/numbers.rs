@@ -1,7 +1,7 @@
 //! Posterior of one number of a material, such as gloss.
 
 use super::posterior::MaterialPosterior;
-use super::spread::{spread_quantile, student_quantile};
+use super::spread::{ErrorScale, spread_quantile, student_quantile};
 use crate::parallel;
 use crate::reflectance::{BivariateTable, THETA_D, THETA_H, is_trusted, theta_d_of, theta_h_of};
 
@@ -35,7 +35,7 @@ impl MaterialPosterior {
     pub fn ranking(&self, number: impl Fn(&BivariateTable) -> f64 + Sync) -> ScalarPosterior {
         let mut logs: Vec<f32> = parallel::map(&self.draws, |table| number(table).max(1e-300).ln() as f32);
         logs.sort_by(f32::total_cmp);
-        ScalarPosterior { logs, error: self.spread.of_numbers }
+        ScalarPosterior { logs, error: ErrorScale::OF_NUMBERS }
     }
 }
 

@@ -23,16 +23,17 @@ pub(super) const DEGREES_OF_FREEDOM: f64 = 3.0;
 pub struct ErrorScale {
     /// Scale at the half angles of [`NODES`].
     of_cells: [f64; 6],
-    /// Scale of the logarithm of a number such as gloss.
-    pub(super) of_numbers: f64,
 }
 
 impl ErrorScale {
+    /// Scale of the logarithm of a number such as gloss.
+    pub(super) const OF_NUMBERS: f64 = 0.15;
+
     /// Spread under an unknown light.
-    pub(super) const BLIND: Self = Self { of_cells: [0.2, 0.25, 0.3, 0.35, 0.45, 0.8], of_numbers: 0.15 };
+    pub(super) const BLIND: Self = Self { of_cells: [0.2, 0.25, 0.3, 0.35, 0.45, 0.8] };
 
     /// Spread under a known light.
-    pub(super) const KNOWN_LIGHT: Self = Self { of_cells: [0.14, 0.14, 0.15, 0.18, 0.28, 0.6], of_numbers: 0.15 };
+    pub(super) const KNOWN_LIGHT: Self = Self { of_cells: [0.14, 0.14, 0.15, 0.18, 0.28, 0.6] };
 
     /// Returns the scale at a half angle in radians.
     fn at(&self, half_angle: f64) -> f64 {

@@ -53,9 +53,9 @@ pub struct Resumption<'a> {
 /// Interval between checkpoints.
 const CHECKPOINT_INTERVAL: Duration = Duration::from_secs(300);
 
-/// Factor of the learning rate in a training that begins with a trained network: large steps would
-/// undo the earlier training.
-const INITIAL_RATE_FACTOR: f64 = 0.5;
+/// Factor of the learning rate in a training that begins with a trained network: larger steps undo
+/// the earlier training (`docs/trials.md`).
+const INITIAL_RATE_FACTOR: f64 = 0.1;
 
 /// Rows to which larger environment maps are reduced: finer than any cell of the disk of normals.
 const LIGHT_ROWS: usize = 512;

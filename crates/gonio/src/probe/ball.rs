@@ -156,6 +156,15 @@ impl MirrorBall {
     /// monotonically from zero to its solution.
     pub(super) fn place_of(&self, direction: DVec3) -> Option<Place> {
         let (axis, ratio) = self.towards_camera();
+        let place = |normal: DVec3, cosine: f64| {
+            let at = self.camera.project(self.centre + self.radius * normal)?;
+            Some(Place { at, cosine })
+        };
+        if ratio == 0.0 {
+            // The normal bisects the angle between the direction and the camera.
+            let normal = (direction + axis).try_normalize().unwrap_or_else(|| axis.any_orthonormal_vector());
+            return place(normal, normal.dot(axis));
+        }
         let along = direction.dot(axis);
         let across = direction - along * axis;
         let angle = across.length().atan2(along);
@@ -176,8 +185,7 @@ impl MirrorBall {
         }
         let sideways = across.try_normalize().unwrap_or_else(|| axis.any_orthonormal_vector());
         let normal = tilt.cos() * axis + tilt.sin() * sideways;
-        let at = self.camera.project(self.centre + self.radius * normal)?;
-        Some(Place { at, cosine: (tilt + aside(tilt)).cos() })
+        place(normal, (tilt + aside(tilt)).cos())
     }
 }
 

@@ -20,9 +20,12 @@ pub struct InitialPosterior<'a> {
     pub latent_space: &'a LatentSpace,
 }
 
-/// Steps of the regression that fits the embedding of materials to the earlier one. With a fifth of
-/// them, the first loss of the training was about 0.25 nats higher.
-const REGRESSION_STEPS: usize = 15_000;
+/// Steps, for each material, of the regression that fits the embedding of materials to the earlier
+/// one. With a fifth of them, the first loss of a training was about 0.25 nats higher.
+const STEPS_PER_MATERIAL: usize = 2;
+
+/// Smallest number of these steps.
+const MIN_STEPS: usize = 3_000;
 
 /// Materials in each of these steps.
 const REGRESSION_BATCH: usize = 256;
@@ -96,11 +99,12 @@ pub(crate) struct Regression<'a> {
 impl Regression<'_> {
     pub(crate) fn fit(&self, values: &mut [f32]) {
         let mut optimiser = Optimiser::new(values);
-        for step in 0..REGRESSION_STEPS {
+        let steps = (STEPS_PER_MATERIAL * self.count).max(MIN_STEPS);
+        for step in 0..steps {
             let rows = (0..REGRESSION_BATCH).map(|at| (step * REGRESSION_BATCH + at) * MATERIAL_STRIDE % self.count);
             let gradient = self.gradient(values, rows);
             let settings = StepSettings {
-                rate: (REGRESSION_RATE * one_cycle(step as f64 / REGRESSION_STEPS as f64)) as f32,
+                rate: (REGRESSION_RATE * one_cycle(step as f64 / steps as f64)) as f32,
                 decay: 0.0,
                 max_gradient_norm: 5.0,
                 ema_decay: 0.0,

@@ -9,7 +9,8 @@
 //!    * [`Method::JointMap`], the single most probable pair of light and reflectance (eq. 2), the
 //!      baseline, which wrongly prefers a mirror under blurred illumination.
 //!
-//!    If the light is given, [`Problem::with_known_light`] has one light coefficient, the DC.
+//!    If the light is known, [`Problem::with_known_light`] builds a problem with one light
+//!    coefficient, the DC.
 //! 4. [`estimate`] performs steps 2 and 3 on the observations of a photograph.
 
 #![deny(clippy::print_stdout, clippy::print_stderr)]

@@ -146,6 +146,7 @@ fn rejects_invalid_lights_and_options() {
     for (options, message) in [
         ("--method known-light", "--light"),
         ("--absolute", "--light"),
+        ("--method learnt --light square.exr", "--light MAP is for --method known-light"),
         ("--method joint-map --light square.exr", "--light MAP is for --method known-light"),
         ("--method known-light --light none.exr", "none.exr: cannot open"),
         ("--method known-light --light square.exr", "square.exr: a lat-long map must be twice as wide as high"),

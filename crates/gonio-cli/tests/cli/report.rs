@@ -57,6 +57,7 @@ fn messages_and_the_report_escape_malicious_names() {
     let Page { report, printed, .. } = &*PAGE;
     assert!(printed.contains("<img src=x") && !has_controls(printed), "{printed:?}");
     assert!(report.contains("Material of &lt;img src=x onerror=alert(1)&gt;") && !report.contains("<img src=x"));
+    assert!(report.contains("&amp;&quot;'"), "the page does not escape & and \"");
     assert!(!report.contains('\u{1b}'), "the page contains an escape code");
 }
 

@@ -117,6 +117,11 @@ fn masks_of_0_and_1_are_scaled() {
 #[test]
 fn encoded_normals_are_decoded() {
     let mask = read_mask(file("mask.png")).unwrap();
+    // Mean of the pixels of the ball, which is its centre.
+    let (width, height) = mask.size();
+    let pixels = (0..width * height).filter(|&at| mask.as_slice()[at] > 0.9);
+    let places: Vec<Vec3> = pixels.map(|at| Vec3::new((at % width) as f32, -((at / width) as f32), 0.0)).collect();
+    let centre = places.iter().sum::<Vec3>() / places.len() as f32;
     for name in ["normals-0-1.exr", "normals.jpg"] {
         let normals = normals::read_normals(file(name)).unwrap();
         let inside = normals.as_slice().iter().zip(mask.as_slice()).filter(|(_, m)| **m > 0.9);
@@ -124,6 +129,12 @@ fn encoded_normals_are_decoded() {
             (sound + usize::from((n.length() - 1.0).abs() < 1e-3 && n.z > 0.0), all + 1)
         });
         assert!(sound > 95 * all / 100, "{name}: {sound} of {all}");
+        // They point away from the centre of the ball.
+        let outwards = places.iter().map(|place| {
+            let normal = normals[(place.x as usize, (-place.y) as usize)];
+            normal.with_z(0.0).dot((*place - centre).normalize_or_zero()) / normal.with_z(0.0).length().max(1e-6)
+        });
+        assert!(outwards.sum::<f32>() / places.len() as f32 > 0.98, "{name}");
     }
 }
 

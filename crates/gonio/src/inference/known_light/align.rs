@@ -10,7 +10,9 @@ use super::fit::{FitPrior, ImageModel, LaplaceFit, State};
 use super::light::{KnownLight, Operator};
 use super::rotation::propose;
 use super::space::ParameterSpace;
-use super::{Alignment, COMPARED, KnownLightError, KnownLightPosterior, ObservedPoints, PriorMaterials, start};
+use super::{
+    Alignment, COMPARED, KnownLightError, KnownLightPosterior, ObservedPoints, PriorMaterials, start, thinned,
+};
 
 /// Largest number of successive rotations.
 const TURNS: usize = 4;
@@ -70,7 +72,7 @@ pub(super) fn aligned(
 
 /// Returns the rotations about the vertical under which a material of the prior fits best.
 fn around(rows: &ObservedPoints<'_>, light: &mut KnownLight, materials: &PriorMaterials<'_>) -> Vec<DQuat> {
-    let some = rows.every(COMPARED);
+    let some = thinned(rows.values.len(), COMPARED);
     let points: Vec<_> = some.iter().map(|&at| rows.points[at]).collect();
     let values: Vec<f64> = some.iter().map(|&at| rows.values[at]).collect();
     let visibility = rows.visibility.map(|v| v.select(&some));

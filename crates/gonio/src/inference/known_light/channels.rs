@@ -17,7 +17,7 @@ use rand_pcg::Pcg64;
 use super::fit::{FitPrior, ImageModel, LaplaceFit};
 use super::light::{KnownLight, Operator};
 use super::space::ParameterSpace;
-use super::{KnownLightError, KnownLightPosterior, ObservedPoints, PriorMaterials, relative_rms};
+use super::{KnownLightError, KnownLightPosterior, ObservedPoints, PriorMaterials, relative_rms, thinned};
 use crate::colour::{ChromaField, ColourModel, DRAW_FREEDOM, DRAW_INFLATION};
 use crate::parallel;
 use crate::reflectance::BivariateTable;
@@ -105,7 +105,7 @@ impl ColouredRows<'_> {
     fn channels(&self, table: &BivariateTable, predicted: &[f64]) -> Result<ChannelPosterior, KnownLightError> {
         let Self { rows, colours, operators, axes } = self;
         let total = colours.len();
-        let some = rows.every(CHANNEL_ROWS);
+        let some = thinned(total, CHANNEL_ROWS);
         let points: Vec<_> = some.iter().map(|&at| rows.points[at]).collect();
         let visibility = rows.visibility.map(|visibility| visibility.select(&some));
         let trust: Vec<f64> = some.iter().map(|&at| rows.weights[at]).collect();

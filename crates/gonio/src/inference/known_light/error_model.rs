@@ -1,9 +1,11 @@
 //! Error model of the image: noise, texture and model error.
 
-use crate::statistics::median;
 use faer::Mat;
 use glam::DVec3;
 use gonio_linalg::{Cholesky, eigenvectors};
+
+use super::thinned;
+use crate::statistics::median;
 
 /// Distance of normals on the unit sphere over which the correlation of the discrepancy falls to
 /// 1/e: 22 degrees, as measured on training materials in training lights (docs/trials.md).
@@ -80,7 +82,7 @@ impl ErrorModel {
     /// Uses an evenly spaced sample of the observations.
     pub(super) fn estimate(&mut self, residuals: &[f64]) {
         let n = residuals.len();
-        let sample: Vec<usize> = (0..n).step_by(n.div_ceil(SAMPLE).max(1)).collect();
+        let sample = thinned(n, SAMPLE);
         let cut = CUT * median(residuals.iter().map(|r| r.abs())).unwrap_or(0.0).max(MIN_NOISE);
         let m = sample.len();
         let correlation = Mat::from_fn(m, m, |i, j| self.correlation[(sample[i], sample[j])]);

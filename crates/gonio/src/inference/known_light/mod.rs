@@ -243,6 +243,11 @@ impl KnownLightPosterior {
     }
 }
 
+/// Returns at most `most` of the indices `0..count`, at equal steps.
+fn thinned(count: usize, most: usize) -> Vec<usize> {
+    (0..count).step_by(count.div_ceil(most).max(1)).collect()
+}
+
 /// Returns the root mean square difference of two images, relative to the first.
 fn relative_rms(values: &[f64], others: &[f64]) -> f64 {
     let difference: f64 = values.iter().zip(others).map(|(v, other)| (v - other).powi(2)).sum();
@@ -251,12 +256,6 @@ fn relative_rms(values: &[f64], others: &[f64]) -> f64 {
 }
 
 impl ObservedPoints<'_> {
-    /// Returns the indices of at most `count` rows at equal steps.
-    fn every(&self, count: usize) -> Vec<usize> {
-        let total = self.values.len();
-        (0..total).step_by(total.div_ceil(count)).collect()
-    }
-
     /// Returns the normals in the frame of each point's view, so that views have no effect.
     fn normals(&self) -> Vec<DVec3> {
         self.points.iter().map(SurfacePoint::in_view).collect()
@@ -285,7 +284,7 @@ impl Start {
 ///
 /// The distance is the median absolute deviation of the logarithm.
 fn start(operator: &Operator, values: &[f64], materials: &PriorMaterials<'_>) -> Start {
-    let rows: Vec<usize> = (0..values.len()).step_by(values.len().div_ceil(COMPARED).max(1)).collect();
+    let rows = thinned(values.len(), COMPARED);
     let floor = LOG_FLOOR * values.iter().sum::<f64>() / values.len() as f64;
     let deviation = |table: &BivariateTable, gain: f64| {
         let cells = table.as_slice();

@@ -4,9 +4,9 @@ use faer::Mat;
 use glam::{DQuat, DVec3};
 use gonio_linalg::{Cholesky, product};
 
-use super::ObservedPoints;
 use super::fit::{ImageModel, LaplaceFit, whitened};
 use super::light::KnownLight;
+use super::{ObservedPoints, thinned};
 use crate::parallel;
 use crate::picture::luminance;
 use crate::reflectance::BivariateTable;
@@ -52,7 +52,7 @@ pub(super) fn propose(
     table: &BivariateTable,
     made: DVec3,
 ) -> Option<Proposal> {
-    let some = rows.every(COMPARED);
+    let some = thinned(rows.values.len(), COMPARED);
     let gain = image.gain(&found.state.coefficients);
     let slopes: Vec<[f64; 3]> = parallel::map(&some, |&at| slopes(image, rows, (light, gain), table, at));
     let (m, n) = (some.len(), image.len());

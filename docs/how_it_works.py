@@ -153,7 +153,7 @@ def save(figure, name):
 
 def peak(notes):
     """The peak, relative to the body, and its 90 % interval, with two significant digits."""
-    low, middle, high = (rounded(notes["posterior"]["highlight"]["peak_to_body"][key]) for key in ("5", "50", "95"))
+    low, middle, high = (rounded(notes["posterior"]["highlight"]["peak_height"][key]) for key in ("5", "50", "95"))
     return f"peak height {middle} ({low} to {high})"
 
 

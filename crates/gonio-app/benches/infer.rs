@@ -17,8 +17,8 @@ use gonio::render::{LightTree, SphereSettings, SurfaceSettings, render_sphere, r
 use gonio::scene::Correction;
 use gonio::shape::{BuiltInShape as OwnForm, GeometryBuffer, MeshParts};
 use gonio_app::{
-    ColourMode, Method, NormalMap, PhotographSource, ProgressLog, Reading, Scene, Settings, Shape, ShapeKind, Source,
-    Spaces, infer,
+    ColourMode, Method, NormalSource, PhotographSource, ProgressLog, Reading, Scene, Settings, Shape, ShapeKind,
+    Source, Spaces, infer,
 };
 use gonio_io::result::Light;
 
@@ -227,7 +227,7 @@ fn form(form: OwnForm, cells: usize) -> MeshParts {
 
 fn by_normals(width: usize, height: usize) -> Scene {
     let (picture, seen) = photograph(form(OwnForm::Blob, 60), (width, height));
-    let normals = NormalMap {
+    let normals = NormalSource {
         picture: Source::Memory(seen.normals),
         correction: Correction::default(),
         trusted: true,

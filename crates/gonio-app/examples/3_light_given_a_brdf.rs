@@ -3,7 +3,7 @@
 
 use gonio::estimate::{EstimateSettings, Light};
 use gonio::reflectance::BivariateTable;
-use gonio::scene::{Detection, Object, ObservationSettings};
+use gonio::scene::{Detection, ObjectShape, ObservationSettings};
 use gonio_io::picture::{ReadOptions, encode_exr, read};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -11,7 +11,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let photo = paths.next().unwrap_or_else(|| "samples/ball.exr".into());
     let decoded = read(&photo, &ReadOptions::default())?;
     let settings = ObservationSettings { clip: decoded.full_scale, ..ObservationSettings::default() };
-    let ball = Detection::of(&decoded.picture, None, Object::Sphere(None), &settings)?;
+    let ball = Detection::of(&decoded.picture, None, ObjectShape::Sphere(None), &settings)?;
     let brdf = match paths.next() {
         Some(path) => {
             let table = gonio_io::brdf::read(path)?;

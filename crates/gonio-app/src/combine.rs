@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use glam::Vec3;
 use gonio::colour::{Chroma, ChromaField, SavedChroma};
-use gonio::estimate::{ALBEDO, Colouring, Combined, EstimateError, Highlight, Material, combine as multiply};
+use gonio::estimate::{ALBEDO, Colouring, Combined, EstimateError, Highlight, MaterialEstimate, combine as multiply};
 use gonio::inference::ProductError;
 use gonio::inference::learnt::MaterialPosterior;
 use gonio::model::Model;
@@ -35,7 +35,7 @@ const HALF_WIDTH: f64 = 1.645;
 /// Combined result of several photographs.
 pub struct CombinedResult {
     /// The material, scaled to an albedo of 0.5 at normal incidence.
-    pub material: Material,
+    pub material: MaterialEstimate,
     /// Chroma of each cell: the mean over the photographs, weighted by inverse variance.
     pub field: ChromaField,
     /// For each photograph, the log odds that it shows the same material as the others.
@@ -51,7 +51,12 @@ pub struct CombinedResult {
 }
 
 /// Returns the posterior to save for [`combine`]. `image` is the name of the photograph.
-pub(crate) fn saved(model: &Model, image: &str, material: &Material, colouring: &Colouring) -> Option<SavedPosterior> {
+pub(crate) fn saved(
+    model: &Model,
+    image: &str,
+    material: &MaterialEstimate,
+    colouring: &Colouring,
+) -> Option<SavedPosterior> {
     let learnt = model.learnt.as_ref()?;
     let likelihood = material.posterior.likelihood.clone();
     Some(SavedPosterior::new(learnt.id(), vec![image.to_owned()], likelihood, saved_chroma(colouring)))
@@ -139,7 +144,7 @@ fn to_error(given: &[(String, SavedPosterior)], error: &EstimateError) -> AppErr
 
 fn draw(
     given: &[(String, SavedPosterior)],
-    material: &Material,
+    material: &MaterialEstimate,
     alone: &[MaterialPosterior],
     field: &ChromaField,
 ) -> Vec<(&'static str, Plane<Vec3>)> {
@@ -169,7 +174,7 @@ fn draw(
 fn document(
     model: &Model,
     given: &[(String, SavedPosterior)],
-    material: &Material,
+    material: &MaterialEstimate,
     agreement: &[f64],
     (field, chroma): (&ChromaField, Option<&SavedChroma>),
     progress_log: &ProgressLog<'_>,

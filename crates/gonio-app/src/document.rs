@@ -2,7 +2,7 @@
 
 use gonio::colour::ChromaInterval;
 use gonio::estimate::{
-    ALBEDO, Colouring, Estimate, EstimateSettings, KnownLightEstimate, Light, LightEstimator, Material, WIDE,
+    ALBEDO, Colouring, Estimate, EstimateSettings, KnownLightEstimate, Light, LightEstimator, MaterialEstimate, WIDE,
     expected_misfit,
 };
 use gonio::inference::learnt::Neighbour;
@@ -12,7 +12,7 @@ use gonio::scene::{DetectedShape, Detection};
 use gonio::shape::{MeshDefects, Visibility};
 use gonio_io::result::{
     self, ClippedLight, Colour, ColourResidual, DetectionReport, Evidence, Exposure, GlossUnits, Highlight,
-    ModelSection, Observations, PeakToBody, Posterior, Quantiles, Reflectance, Residual, ResultDocument,
+    ModelSection, Observations, PeakHeight, Posterior, Quantiles, Reflectance, Residual, ResultDocument,
     SettingsSection, Shape, SimilarMaterial, SurfacePixels, UncertainColour, WideCells,
 };
 
@@ -119,7 +119,7 @@ pub(crate) fn reflectance(albedo: Option<f64>) -> Reflectance {
 }
 
 /// Returns the section `posterior` of a material from several photographs.
-pub(crate) fn combined(material: &Material) -> Posterior {
+pub(crate) fn combined(material: &MaterialEstimate) -> Posterior {
     Posterior {
         out_of_distribution: None,
         scatter: None,
@@ -132,7 +132,7 @@ pub(crate) fn combined(material: &Material) -> Posterior {
 
 /// Returns the section `posterior`. `albedo` is the albedo at normal incidence, assumed or
 /// measured.
-pub(crate) fn posterior(material: &Material, albedo: f64) -> Posterior {
+pub(crate) fn posterior(material: &MaterialEstimate, albedo: f64) -> Posterior {
     let similar = |n: &Neighbour| SimilarMaterial { name: n.name.clone(), weight: n.weight };
     let [at_20, at_60] = material.highlight.units.map(|units| Quantiles::from(units.map(|u| u * albedo / ALBEDO)));
     Posterior {
@@ -142,7 +142,7 @@ pub(crate) fn posterior(material: &Material, albedo: f64) -> Posterior {
             roughness: Some(material.highlight.roughness().into()),
             ggx_alpha: Some(material.highlight.alpha.into()),
             gloss_units: Some(GlossUnits { albedo, at_20, at_60 }),
-            peak_to_body: PeakToBody { quantiles: material.peak_to_body.into(), factor: material.peak_factor() },
+            peak_height: PeakHeight { quantiles: material.peak_height.into(), factor: material.peak_factor() },
         },
         materials: material.posterior.neighbours.iter().map(similar).collect(),
         undetermined: material.undetermined_share,

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use gonio::estimate::{ALBEDO, predictive_draws};
-use gonio::inference::learnt::peak_to_body;
+use gonio::inference::learnt::peak_height;
 use gonio::model::Model;
 use gonio::reflectance::BivariateTable;
 use gonio_io::posterior::{FILE, SavedPosterior};
@@ -75,7 +75,7 @@ pub fn of_result(
             BivariateTable::from_vec(draw.as_slice().iter().zip(ratios).map(|(value, ratio)| value * ratio).collect())
         })
     };
-    let mut ranked: Vec<(f64, BivariateTable)> = drawn.into_iter().map(|draw| (peak_to_body(&draw), draw)).collect();
+    let mut ranked: Vec<(f64, BivariateTable)> = drawn.into_iter().map(|draw| (peak_height(&draw), draw)).collect();
     ranked.sort_by(|a, b| a.0.total_cmp(&b.0));
     Ok(ranked.into_iter().map(coloured).collect())
 }

@@ -7,7 +7,7 @@ use std::path::Path;
 
 use glam::Vec3;
 use gonio::estimate::{
-    Colouring, ColouringRule, MAX_MISFIT, Material, NORMAL_REFINEMENT_MISFIT, without_misleading_spots,
+    Colouring, ColouringRule, MAX_MISFIT, MaterialEstimate, NORMAL_REFINEMENT_MISFIT, without_misleading_spots,
 };
 use gonio::lighting::{EnvironmentMap, LightGrid, named_light};
 use gonio::model::Model;
@@ -37,7 +37,7 @@ pub struct InferenceResult {
     /// Factor from `table` to the BRDF in the files; 1 unless the BRDF is absolute.
     pub scale: f64,
     /// The BRDF with its uncertainty, for methods that estimate the uncertainty.
-    pub material: Option<Material>,
+    pub material: Option<MaterialEstimate>,
     /// The estimated light, in linear RGB, on the scale of `table`.
     pub light: Option<LightGrid>,
     /// The known light with the estimated rotation and gain.

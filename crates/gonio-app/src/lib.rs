@@ -47,5 +47,5 @@ pub use progress_log::ProgressLog;
 pub use reference::{GREY_REFLECTANCE, MeasuredReference, Reference, ReferenceTarget, WHITE_REFLECTANCE};
 pub use scene::{ObservedScene, Scene};
 pub use settings::{AS_CAPTURED, ColourMode, EnvironmentSource, KnownLight, Method, Settings};
-pub use shape::{NormalMap, PositionSource, Shape, ShapeKind, Source};
+pub use shape::{NormalSource, PositionSource, Shape, ShapeKind, Source};
 pub use spaces::{Spaces, read_brdf};

@@ -3,7 +3,7 @@
 use gonio::lighting::EnvironmentMap;
 use gonio::picture::Picture;
 use gonio::probe::{ProbeSettings, Reflectance, View, probe};
-use gonio::scene::{Circle, Detection, Object, outline_of_ball};
+use gonio::scene::{Circle, Detection, ObjectShape, outline_of_ball};
 use gonio::suggestion::Suggestion;
 
 use crate::inpaint::inpaint_ball;
@@ -48,15 +48,15 @@ impl MirrorBall {
             return Err(AppError::of(name, problem).with(Suggestion::MirrorBall));
         }
         let object = match &scene.camera {
-            None => Object::Sphere(Some(self.circle)),
-            Some(camera) => Object::Ball(*camera),
+            None => ObjectShape::Sphere(Some(self.circle)),
+            Some(camera) => ObjectShape::Ball(*camera),
         };
         let disk = self.circle.coverage(size);
         let view = View::of(&opaque(picture), Some(&disk), &object, scene.photograph.clip).map_err(to_error)?;
         let found = probe(&view, None, &ProbeSettings { reflectance, rows: None }).map_err(to_error)?;
         let of_ball = view.warnings().into_iter().chain(found.report.warnings());
         warnings.extend(of_ball.map(|warning| Warning::from(format!("{name}: mirror ball: {warning}"))));
-        let is_ball = matches!(scene.object, Object::Sphere(_));
+        let is_ball = matches!(scene.object, ObjectShape::Sphere(_));
         let is_masked = scene.mask.is_some() || matches!(regions, Some(Regions::Labels(_) | Regions::Circles(_)));
         if matches!(regions, Some(Regions::Balls)) {
             let problem = "several balls beside a mirror ball cannot be detected; specify their outlines";
@@ -66,10 +66,10 @@ impl MirrorBall {
             let problem = "a photograph with a mirror ball requires a mask of the object, unless the object is a ball";
             return Err(AppError::of(name, problem).with(Suggestion::Mask));
         }
-        if matches!(scene.object, Object::Sphere(None)) && !matches!(regions, Some(Regions::Circles(_))) {
+        if matches!(scene.object, ObjectShape::Sphere(None)) && !matches!(regions, Some(Regions::Circles(_))) {
             let (circle, _) = outline_of_ball(&inpaint_ball(picture, &self.circle), scene.mask.as_ref())
                 .map_err(|error| AppError::of_scene(name, &error).within("object beside the mirror ball"))?;
-            scene.object = Object::Sphere(Some(circle));
+            scene.object = ObjectShape::Sphere(Some(circle));
         }
         Ok(found.light)
     }

@@ -48,7 +48,7 @@ pub(crate) fn infer(
             solver: Some(format!("{:?}", paper.solver)),
             paper: Some(paper.as_printed),
             model_error: (!paper.as_printed).then_some(MODEL_ERROR),
-            full_rows: Some(paper.full_rows),
+            all_observations: Some(paper.all_observations),
             ..SettingsSection::default()
         },
         transfer: Some(Transfer {

@@ -192,7 +192,7 @@ mod tests {
             W::Clipped { clipped: 10, observed },
             W::Faulty { negative: 10, not_finite: 0, observed },
             W::Outliers { outliers: 10, observed },
-            W::Isolated { isolated: 10, observed },
+            W::PossibleOutliers { pixels: 10, observed },
             W::Pattern { pixels, converted: 10, observed, ratio: 2.0 },
             W::Spots { count: 3 },
             W::OtherColour { pixels, observed },

@@ -3,10 +3,10 @@
 use std::collections::BTreeMap;
 
 use glam::Vec3;
-use gonio::estimate::{EstimateStage, Material, RegionEstimate, estimate_regions};
+use gonio::estimate::{EstimateStage, MaterialEstimate, RegionEstimate, estimate_regions};
 use gonio::model::Model;
 use gonio::picture::{Picture, Plane};
-use gonio::scene::{Circle, Object, Observations, outline_of_ball, separate_balls};
+use gonio::scene::{Circle, ObjectShape, Observations, outline_of_ball, separate_balls};
 use gonio_io::picture::{ReadOptions, encode_png};
 use gonio_io::result::{self, REGIONS_FORMAT, RegionEntry, RegionsDocument, VERSION};
 use gonio_report::combined::{Shown, side_by_side};
@@ -92,7 +92,7 @@ pub fn infer_all(
 
 /// Whether a scene whose ball is to be detected shows several separate balls.
 pub(crate) fn shows_several_balls(scene: &LoadedScene) -> bool {
-    matches!(scene.object, Object::Sphere(None)) && balls_in(scene).len() > 1
+    matches!(scene.object, ObjectShape::Sphere(None)) && balls_in(scene).len() > 1
 }
 
 /// Returns the coverage of each separate ball, except for a grey ball as reference.
@@ -191,7 +191,7 @@ pub(crate) fn region_masks(scene: &LoadedScene, regions: &Regions) -> Result<Vec
     let size = picture.rgb.size();
     let ball = |at: usize, mask: Plane<f32>, object| RegionMask { name: (at + 1).to_string(), mask, object };
     match regions {
-        Regions::Labels(_) if matches!(scene.object, Object::Outline) => Err(AppError::new(
+        Regions::Labels(_) if matches!(scene.object, ObjectShape::Outline) => Err(AppError::new(
             "an outline cannot be inflated for each region; specify the shape of the object by normals or a mesh",
         )),
         Regions::Labels(source) => {
@@ -199,9 +199,9 @@ pub(crate) fn region_masks(scene: &LoadedScene, regions: &Regions) -> Result<Vec
             let labels = read_labels(source, size, name)?;
             // All regions of a ball share its outline.
             let object = match &scene.object {
-                Object::Sphere(None) => {
+                ObjectShape::Sphere(None) => {
                     let outline = outline_of_ball(picture, mask);
-                    Object::Sphere(Some(outline.map_err(|error| AppError::of_scene(name, &error))?.0))
+                    ObjectShape::Sphere(Some(outline.map_err(|error| AppError::of_scene(name, &error))?.0))
                 }
                 object => object.clone(),
             };
@@ -219,7 +219,8 @@ pub(crate) fn region_masks(scene: &LoadedScene, regions: &Regions) -> Result<Vec
             Err(AppError::of(name, problem))
         }
         Regions::Circles(circles) => {
-            let of = |(at, circle): (usize, &Circle)| ball(at, circle.coverage(size), Object::Sphere(Some(*circle)));
+            let of =
+                |(at, circle): (usize, &Circle)| ball(at, circle.coverage(size), ObjectShape::Sphere(Some(*circle)));
             Ok(circles.iter().enumerate().map(of).collect())
         }
         Regions::Balls => {
@@ -231,7 +232,7 @@ pub(crate) fn region_masks(scene: &LoadedScene, regions: &Regions) -> Result<Vec
                 );
                 return Err(AppError::of(name, problem));
             }
-            let object = || scene.camera.map_or(Object::Sphere(None), Object::Ball);
+            let object = || scene.camera.map_or(ObjectShape::Sphere(None), ObjectShape::Ball);
             Ok(found.into_iter().enumerate().map(|(at, mask)| ball(at, mask, object())).collect())
         }
     }
@@ -317,7 +318,7 @@ impl RegionsResult {
         let warnings: Vec<String> = warnings.iter().map(|warning| warning.worded(settings.words)).collect();
         let entry = |region: &Region| RegionEntry {
             name: region.name.clone(),
-            verdict: region.result.material.as_ref().map(Material::verdict),
+            verdict: region.result.material.as_ref().map(MaterialEstimate::verdict),
             folder: region.name.clone(),
             relative_albedo: region.relative_albedo,
             roughness: region.result.material.as_ref().map(|material| material.highlight.roughness().into()),

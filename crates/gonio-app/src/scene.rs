@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use gonio::picture::{Picture, Plane};
-use gonio::scene::{Detection, Object, ObservationSettings, SceneError, SceneWarning, outline_of_ball};
+use gonio::scene::{Detection, ObjectShape, ObservationSettings, SceneError, SceneWarning, outline_of_ball};
 use gonio::shape::Camera;
 use gonio::sphere::OctahedralMap;
 use gonio_io::result::Observations;
@@ -42,7 +42,7 @@ pub struct Scene {
 pub(crate) struct LoadedScene {
     pub(crate) photograph: Arc<Photograph>,
     pub(crate) mask: Option<Plane<f32>>,
-    pub(crate) object: Object,
+    pub(crate) object: ObjectShape,
     /// The camera; `None` for an orthographic one.
     pub(crate) camera: Option<Camera>,
     pub(crate) names: InputNames,
@@ -58,7 +58,7 @@ pub(crate) struct LoadedScene {
 pub(crate) struct RegionMask {
     pub(crate) name: String,
     pub(crate) mask: Plane<f32>,
-    pub(crate) object: Object,
+    pub(crate) object: ObjectShape,
 }
 
 /// A photograph with a detected object.
@@ -110,11 +110,11 @@ impl Scene {
         progress_log.report("reading", 0.5);
         let camera = self.shape.camera(size)?;
         let (mut object, origin) = self.shape.object_before(camera, &self.name, size, warnings)?;
-        if let (Object::Sphere(None), Some(ball)) = (&object, self.reference.as_ref().and_then(Reference::grey_ball_outline))
+        if let (ObjectShape::Sphere(None), Some(ball)) = (&object, self.reference.as_ref().and_then(Reference::grey_ball_outline))
             // If this fails, the detection in the whole photograph explains why.
             && let Ok((circle, _)) = outline_of_ball(&inpaint_ball(&photograph.picture, &ball), mask.as_ref())
         {
-            object = Object::Sphere(Some(circle));
+            object = ObjectShape::Sphere(Some(circle));
         }
         Ok(LoadedScene {
             photograph: Arc::new(photograph),
@@ -290,7 +290,7 @@ impl InputNames {
             | SceneWarning::Faulty { .. }
             | SceneWarning::Outliers { .. }
             | SceneWarning::Spots { .. }
-            | SceneWarning::Isolated { .. }
+            | SceneWarning::PossibleOutliers { .. }
             | SceneWarning::OtherColour { .. }
             | SceneWarning::Pattern { .. } => {
                 format!("{}: {warning}", self.image)

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use glam::{DVec3, Vec3};
 use gonio::picture::Plane;
-use gonio::scene::{Circle, Correction, NormalPicture, Object, PositionMap};
+use gonio::scene::{Circle, Correction, NormalMap, ObjectShape, PositionMap};
 use gonio::shape::{
     Camera, DepthKind, Mesh, MeshDefects, MeshParts, PoseError, PosedSurface, Projection, positions_of_depth,
 };
@@ -58,12 +58,12 @@ pub enum ShapeKind {
     /// Triangle mesh; a file can be the name of a built-in mesh.
     Mesh(Source<MeshParts>),
     /// Any shape, given by a normal map.
-    Normals(Box<NormalMap>),
+    Normals(Box<NormalSource>),
 }
 
 /// A normal map and its conventions.
 #[derive(Clone, Debug)]
-pub struct NormalMap {
+pub struct NormalSource {
     /// The normal map.
     pub picture: Source<Plane<Vec3>>,
     /// Correction of the order and signs of its channels.
@@ -132,7 +132,7 @@ impl Shape {
         image: &str,
         size: (usize, usize),
         warnings: &mut Vec<Warning>,
-    ) -> Result<(Object, ShapeOrigin), AppError> {
+    ) -> Result<(ObjectShape, ShapeOrigin), AppError> {
         let camera = self.camera(size)?;
         self.object_before(camera, image, size, warnings)
     }
@@ -144,18 +144,18 @@ impl Shape {
         image: &str,
         size: (usize, usize),
         warnings: &mut Vec<Warning>,
-    ) -> Result<(Object, ShapeOrigin), AppError> {
+    ) -> Result<(ObjectShape, ShapeOrigin), AppError> {
         let object = match (self.kind, camera) {
-            (ShapeKind::Sphere(circle), None) => Object::Sphere(circle),
-            (ShapeKind::Sphere(None), Some(camera)) => Object::Ball(camera),
+            (ShapeKind::Sphere(circle), None) => ObjectShape::Sphere(circle),
+            (ShapeKind::Sphere(None), Some(camera)) => ObjectShape::Ball(camera),
             (ShapeKind::Sphere(Some(_)), Some(_)) => return Err(AppError::new(CIRCLE_AND_CAMERA)),
-            (ShapeKind::Ellipsoid(depth), None) => Object::Ellipsoid(depth),
+            (ShapeKind::Ellipsoid(depth), None) => ObjectShape::Ellipsoid(depth),
             (ShapeKind::Ellipsoid(_), Some(_)) => {
                 let problem = "ellipsoid and camera cannot be combined, because gonio fits an ellipsoid under an \
                                orthographic camera; specify a mesh";
                 return Err(AppError::new(problem));
             }
-            (ShapeKind::Outline, None) => Object::Outline,
+            (ShapeKind::Outline, None) => ObjectShape::Outline,
             (ShapeKind::Outline, Some(_)) => {
                 let problem = "outline and camera cannot be combined, because gonio inflates outlines under an \
                                orthographic camera; specify a mesh or normals";
@@ -164,7 +164,7 @@ impl Shape {
             (ShapeKind::Normals(normals), camera) => return normals.object(image, camera, size),
             (ShapeKind::Mesh(mesh), camera) => {
                 let (placed, mesh) = pose_mesh(mesh, self.pose.as_ref(), camera, size, warnings)?;
-                return Ok((Object::Surface(placed), ShapeOrigin { mesh: Some(mesh), geometry: None }));
+                return Ok((ObjectShape::Surface(placed), ShapeOrigin { mesh: Some(mesh), geometry: None }));
             }
         };
         Ok((object, ShapeOrigin::default()))
@@ -177,34 +177,34 @@ impl Shape {
     /// If [`Self::object`] fails, or the form is neither a mesh nor an orthographic sphere.
     pub fn surface(self, size: (usize, usize), warnings: &mut Vec<Warning>) -> Result<Option<PosedSurface>, AppError> {
         match self.object("the picture", size, warnings)?.0 {
-            Object::Surface(placed) => Ok(Some(placed)),
-            Object::Sphere(None) => Ok(None),
+            ObjectShape::Surface(placed) => Ok(Some(placed)),
+            ObjectShape::Sphere(None) => Ok(None),
             _ => Err(AppError::new("only meshes and orthographic spheres can be rendered")),
         }
     }
 }
 
-impl NormalMap {
+impl NormalSource {
     fn object(
         self,
         image: &str,
         camera: Option<Camera>,
         size: (usize, usize),
-    ) -> Result<(Object, ShapeOrigin), AppError> {
+    ) -> Result<(ObjectShape, ShapeOrigin), AppError> {
         let normals = match self.picture {
             Source::Memory(normals) => normals,
             Source::File(path) => gonio_io::normals::read_normals(&path)?,
         };
         let normals = if self.correction.is_none() { normals } else { self.correction.apply_to(&normals) };
-        let (relief, geometry) = match self.positions {
+        let (positions, geometry) = match self.positions {
             None => (None, None),
             Some(source) => {
                 let name = source.name();
                 (Some(source.read(&name, image, camera, size)?), Some(name))
             }
         };
-        let picture = NormalPicture { normals, camera, relief, trusted: self.trusted, error: self.error };
-        Ok((Object::Normals(Arc::new(picture)), ShapeOrigin { mesh: None, geometry }))
+        let picture = NormalMap { normals, camera, positions, trusted: self.trusted, error: self.error };
+        Ok((ObjectShape::Normals(Arc::new(picture)), ShapeOrigin { mesh: None, geometry }))
     }
 }
 

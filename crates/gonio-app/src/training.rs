@@ -113,7 +113,7 @@ pub struct LightingSettings {
     /// Number of equally spaced rotations about the vertical axis at which each map is used. An
     /// even number includes 180 degrees, which gives the horizontal and vertical wavelets of a
     /// scale equal statistics.
-    pub turns: usize,
+    pub rotations: usize,
     /// Radiance at which each map is clipped, in units of its mean; `None` does not clip.
     pub cap: Option<f64>,
     /// Seed of the random starts of the fits.
@@ -122,7 +122,7 @@ pub struct LightingSettings {
 
 impl Default for LightingSettings {
     fn default() -> Self {
-        Self { grid: 128, map: OctahedralMap::EqualArea, turns: 1, cap: None, seed: 1 }
+        Self { grid: 128, map: OctahedralMap::EqualArea, rotations: 1, cap: None, seed: 1 }
     }
 }
 
@@ -134,14 +134,14 @@ pub struct ReflectanceSettings {
     /// Channel to factorise.
     pub channel: Channel,
     /// Number of random starts of the factorisation.
-    pub restarts: usize,
+    pub starts: usize,
     /// Seed of the random starts.
     pub seed: u64,
 }
 
 impl Default for ReflectanceSettings {
     fn default() -> Self {
-        Self { rank: 10, channel: Channel::Green, restarts: NmfSettings::default().restarts, seed: 0 }
+        Self { rank: 10, channel: Channel::Green, starts: NmfSettings::default().starts, seed: 0 }
     }
 }
 
@@ -155,7 +155,7 @@ pub fn lighting(
     settings: &LightingSettings,
     progress: Progress<'_>,
 ) -> Result<(LightPrior, String), TrainingError> {
-    let LightingSettings { grid, map, turns, cap, seed } = *settings;
+    let LightingSettings { grid, map, rotations, cap, seed } = *settings;
     if !grid.is_power_of_two() || !(8..=512).contains(&grid) {
         return Err(TrainingError::Setting(format!("grid {grid}: must be a power of two from 8 to 512")));
     }
@@ -167,7 +167,7 @@ pub fn lighting(
         let light = &cap.map_or_else(|| light.clone(), |cap| light.capped(cap));
         let width = light.radiance().width();
         grids.par_extend(
-            (0..turns).into_par_iter().map(|t| light.shifted_columns(t * width / turns).to_grid(map, grid)),
+            (0..rotations).into_par_iter().map(|t| light.shifted_columns(t * width / rotations).to_grid(map, grid)),
         );
         progress("reading lights", share);
     })?;
@@ -175,7 +175,7 @@ pub fn lighting(
     let prior = LightPrior::learn(&grids, count, &settings)
         .map_err(|error| TrainingError::Data(lights.name(), error.to_string()))?;
     let provenance = format!(
-        "{LIGHT_PRIOR} by gonio {} from {count} maps at {turns} azimuths each, {}grid {grid}, seed {seed}",
+        "{LIGHT_PRIOR} by gonio {} from {count} maps at {rotations} azimuths each, {}grid {grid}, seed {seed}",
         env!("CARGO_PKG_VERSION"),
         cap.map_or_else(String::new, |cap| format!("cut off at {cap} times their mean, ")),
     );
@@ -191,9 +191,9 @@ pub fn reflectance(
     settings: &ReflectanceSettings,
     progress: Progress<'_>,
 ) -> Result<(ReflectanceBasis, TrainReport, String), TrainingError> {
-    let ReflectanceSettings { rank, channel, restarts, seed } = *settings;
-    if restarts == 0 {
-        return Err(TrainingError::Setting("restarts 0: must be at least 1".into()));
+    let ReflectanceSettings { rank, channel, starts, seed } = *settings;
+    if starts == 0 {
+        return Err(TrainingError::Setting("starts 0: must be at least 1".into()));
     }
     let tables = materials.channel(channel, progress)?;
     let count = tables.len();
@@ -202,13 +202,13 @@ pub fn reflectance(
         let problem = format!("rank {rank}: must be from 1 to {count}, the number of materials in {name}");
         return Err(TrainingError::Setting(problem));
     }
-    let nmf = NmfSettings { rank, restarts, seed, ..NmfSettings::default() };
+    let nmf = NmfSettings { rank, starts, seed, ..NmfSettings::default() };
     progress("factorising", 0.0);
     let (basis, report) = train(&tables, &TrainSettings { nmf, ..TrainSettings::default() })
         .map_err(|error| TrainingError::Data(materials.name(), error.to_string()))?;
     progress("factorising", 1.0);
     let provenance = format!(
-        "{REFLECTANCE_BASIS} by gonio {} from the {channel:?} channel of {count} materials, rank {rank}, {restarts} starts, seed {seed}",
+        "{REFLECTANCE_BASIS} by gonio {} from the {channel:?} channel of {count} materials, rank {rank}, {starts} starts, seed {seed}",
         env!("CARGO_PKG_VERSION"),
     );
     Ok((basis, report, provenance))

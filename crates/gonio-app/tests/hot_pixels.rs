@@ -4,11 +4,11 @@ use std::path::Path;
 use std::sync::Arc;
 
 use glam::{DVec3, Vec3};
-use gonio::estimate::{Alignment, ColouringRule, Material, estimate_known_light};
+use gonio::estimate::{Alignment, ColouringRule, MaterialEstimate, estimate_known_light};
 use gonio::lighting::EnvironmentMap;
 use gonio::model::Model;
 use gonio::picture::{Picture, Plane};
-use gonio::scene::{Detection, NormalPicture, Object, ObservationSettings, PixelStatus, SceneWarning};
+use gonio::scene::{Detection, NormalMap, ObjectShape, ObservationSettings, PixelStatus, SceneWarning};
 use gonio_io::picture::{ReadOptions, read};
 
 /// Largest relative change of the end of an interval.
@@ -24,7 +24,7 @@ fn sample() -> Picture {
 
 /// Returns a normal map of the ball.
 fn normals(picture: &Picture) -> Plane<Vec3> {
-    let detection = Detection::of(picture, None, Object::Sphere(None), &ObservationSettings::default()).unwrap();
+    let detection = Detection::of(picture, None, ObjectShape::Sphere(None), &ObservationSettings::default()).unwrap();
     let circle = detection.circle().unwrap();
     Plane::from_fn(picture.rgb.width(), picture.rgb.height(), |x, y| {
         let (nx, ny) = ((x as f64 + 0.5 - circle.x) / circle.radius, (circle.y - y as f64 - 0.5) / circle.radius);
@@ -35,15 +35,15 @@ fn normals(picture: &Picture) -> Plane<Vec3> {
 
 /// Returns the ends of the intervals of gloss, GGX width and some cells of the BRDF.
 fn ends(model: &Model, detection: &Detection) -> Vec<f64> {
-    let material = Material::of(model, &detection.observations, 8).unwrap();
+    let material = MaterialEstimate::of(model, &detection.observations, 8).unwrap();
     let cells = [(0, 0), (0, 60), (5, 10), (12, 30), (30, 0), (45, 45), (70, 20)].map(|(h, d)| 90 * h + d);
     let quantiles = cells.iter().flat_map(|cell| [0, 3].map(|q| f64::from(material.quantiles[q][*cell])));
-    let ([low, _, high], [sharp, _, dull]) = (material.peak_to_body, material.highlight.alpha);
+    let ([low, _, high], [sharp, _, dull]) = (material.peak_height, material.highlight.alpha);
     [low, high, sharp, dull].into_iter().chain(quantiles).collect()
 }
 
 fn sphere(picture: &Picture) -> Detection {
-    Detection::of(picture, None, Object::Sphere(None), &ObservationSettings::default()).unwrap()
+    Detection::of(picture, None, ObjectShape::Sphere(None), &ObservationSettings::default()).unwrap()
 }
 
 /// Asserts that no end differs from that in `clean` by more than [`TOLERANCE`].
@@ -98,8 +98,8 @@ fn one_wrong_pixel_changes_no_interval_of_an_object_with_normals() {
     let (picture, model) = (sample(), gonio_io::model::embedded().unwrap());
     let normals = normals(&picture);
     let seen = |picture: &Picture| {
-        let view = NormalPicture { normals: normals.clone(), camera: None, relief: None, trusted: true, error: 0.0 };
-        Detection::of(picture, None, Object::Normals(Arc::new(view)), &ObservationSettings::default()).unwrap()
+        let view = NormalMap { normals: normals.clone(), camera: None, positions: None, trusted: true, error: 0.0 };
+        Detection::of(picture, None, ObjectShape::Normals(Arc::new(view)), &ObservationSettings::default()).unwrap()
     };
     let clean_weights = seen(&picture).observations.weights;
     let clean = ends(&model, &seen(&picture));
@@ -128,7 +128,7 @@ fn one_wrong_pixel_changes_no_interval_under_a_known_light() {
         let observations = sphere(picture).observations;
         let light = (&map, Alignment::Fixed);
         let found = estimate_known_light(&model, &observations, light, &ColouringRule::Grey, &|_| ()).unwrap();
-        found.material.peak_to_body.to_vec()
+        found.material.peak_height.to_vec()
     };
     let clean = gloss(&picture);
     let red = Vec3::new(5.0, 0.035, 0.035);

@@ -15,13 +15,13 @@ use crate::outcome::Outcome;
 /// Options of `gonio convert`.
 #[derive(clap::Args)]
 pub(crate) struct ConvertOptions {
-    /// BRDF to read: a folder of results, an array (.npz), a MERL table (.binary), an RGB file of
-    /// RGL (.bsdf), a measurement of MDL (.mbsdf), or a table (.csv)
+    /// BRDF to read: a result folder, or a file: .npz, MERL (.binary), RGL (RGB .bsdf), MDL
+    /// (.mbsdf) or .csv
     input: PathBuf,
     /// File to write: X.binary, X_spec.bsdf, X.bsdf, X.mbsdf, X.npz or X.csv
     ///
     /// The name determines the format. X.binary is a MERL table, X.mbsdf a measurement for NVIDIA's
-    /// MDL, X.npz has numpy arrays as in a result, and X.csv is a table of text. X_spec.bsdf has
+    /// MDL, X.npz has NumPy arrays as in a result, and X.csv is a text table. X_spec.bsdf has
     /// spectra, for pbrt-v4 and the spectral variants of Mitsuba 3. Any other .bsdf is RGB, for
     /// Mitsuba 3.
     output: PathBuf,

@@ -150,7 +150,7 @@ pub(crate) fn run(options: &ExportOptions) -> Result<Outcome> {
         let is_coated = ["coat_weight", "clearcoat"].iter().any(|name| entry.parameters[name].as_f64() > Some(0.0));
         let coat = if is_coated { " under a coat" } else { "" };
         let files = entry.files.join(", ");
-        format!("{target:15} relight error {:4.1} %{roughness}{coat}: {files}\n", 100.0 * entry.relight)
+        format!("{target:15} fit error {:4.1} %{roughness}{coat}: {files}\n", 100.0 * entry.relight)
     };
     let lines: String = summary.exports.iter().map(line).collect();
     let output = output.display().to_string();

@@ -33,7 +33,7 @@ const COMMON: [&str; 13] = [
 ];
 
 /// Commands whose `-h` shows only the common options.
-const LONG: [&str; 2] = ["infer", "check"];
+const COMMANDS_WITH_SHORT_HELP: [&str; 2] = ["infer", "check"];
 
 /// File name extensions of images.
 pub(crate) const PICTURES: [&str; 9] = ["exr", "hdr", "pic", "pfm", "png", "jpg", "jpeg", "tif", "tiff"];
@@ -47,7 +47,7 @@ pub(crate) fn is_picture(path: &Path) -> bool {
 pub(crate) fn command() -> clap::Command {
     let mut command = Args::command();
     // Global options reach a subcommand only when it is built, so they cannot be hidden here.
-    for name in LONG {
+    for name in COMMANDS_WITH_SHORT_HELP {
         command = command.mut_subcommand(name, |long| {
             long.mut_args(|arg| {
                 let is_common = COMMON.contains(&arg.get_id().as_str());

@@ -51,9 +51,9 @@ pub(crate) struct InferOptions {
     /// Without it, gonio assumes a grey ball and scales the BRDF to an albedo of 0.5.
     #[arg(long, value_name = "R|R,G,B", value_parser = parse_reflectance, requires = "mirror_ball", help_heading = LIGHT)]
     mirror_reflectance: Option<Reflectance>,
-    /// Rotations of the environment map to search [default: near; --align-light without a value:
-    /// around]
-    #[arg(long, value_enum, value_name = "HOW", requires = "light", num_args = 0..=1, default_missing_value = "around",
+    /// Rotations of the environment map to try [default: small; --align-light without a value:
+    /// vertical]
+    #[arg(long, value_enum, value_name = "HOW", requires = "light", num_args = 0..=1, default_missing_value = "vertical",
           help_heading = LIGHT)]
     align_light: Option<AlignmentName>,
     /// Estimate the absolute BRDF from a photograph and an environment map of the same scale
@@ -87,7 +87,7 @@ pub(crate) struct InferOptions {
     /// 8,600 normals, 10 basis functions, random starts, and Algorithm 1 as printed, which often
     /// does not converge.
     #[arg(long, help_heading = METHOD, conflicts_with_all = [
-        "method", "solver", "grid", "model", "light", "mirror_ball", "normals", "mesh", "regions", "full_rows",
+        "method", "solver", "grid", "model", "light", "mirror_ball", "normals", "mesh", "regions", "all_observations",
     ])]
     paper: bool,
     /// Number of random starts of the paper's methods [default: 4]
@@ -105,7 +105,7 @@ pub(crate) struct InferOptions {
     ///
     /// By default, gonio projects the observations to fewer values, which saves time and memory.
     #[arg(long, help_heading = METHOD)]
-    full_rows: bool,
+    all_observations: bool,
     /// Known colour of the light
     ///
     /// This is the linear colour of a white matte ball, or of a grey card that faces the camera, at
@@ -187,9 +187,9 @@ enum MethodName {
 #[derive(Clone, Copy, Debug, PartialEq, clap::ValueEnum)]
 enum AlignmentName {
     /// A few degrees about any axis
-    Near,
+    Small,
     /// Any angle about the vertical, and a few degrees about any axis
-    Around,
+    Vertical,
     /// No rotation
     Fixed,
 }
@@ -230,7 +230,7 @@ impl InferOptions {
             starts: self.starts.map_or(usual.starts, |starts| starts as usize),
             seed: self.seed.unwrap_or(usual.seed),
             as_printed: self.paper,
-            full_rows: self.full_rows,
+            all_observations: self.all_observations,
             ..usual
         };
         let usual = if self.light.is_some() || self.mirror_ball.is_some() {
@@ -256,8 +256,8 @@ impl InferOptions {
         let method = match (name, light) {
             (MethodName::KnownLight, Some(map)) => {
                 let alignment = match self.align_light {
-                    None | Some(AlignmentName::Near) => Alignment::Near,
-                    Some(AlignmentName::Around) => Alignment::Around,
+                    None | Some(AlignmentName::Small) => Alignment::Small,
+                    Some(AlignmentName::Vertical) => Alignment::Vertical,
                     Some(AlignmentName::Fixed) => Alignment::Fixed,
                 };
                 Method::KnownLight(KnownLight { map: EnvironmentSource::Map(map), alignment, absolute: self.absolute })
@@ -291,7 +291,7 @@ impl InferOptions {
             (self.solver.is_some(), "--solver", &[M::Variational]),
             (self.starts.is_some(), "--starts", searches),
             (self.seed.is_some(), "--seed", searches),
-            (self.full_rows, "--full-rows", &[M::Variational, M::JointMap]),
+            (self.all_observations, "--all-observations", &[M::Variational, M::JointMap]),
             // Every method computes shadows on the grid.
             (self.grid.is_some() && !self.scene.has_shadows(), "--grid", blind),
         ] {

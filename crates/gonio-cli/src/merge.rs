@@ -28,8 +28,8 @@ pub(crate) struct MergeOptions {
     /// HDR image to write
     ///
     /// gonio sets pixels without a valid exposure to the value of the EXR attribute clipLevel;
-    /// gonio infer ignores and counts them. gonio also writes X.merge.png, which shows the main
-    /// exposure of each pixel.
+    /// gonio infer ignores and counts them. gonio also writes X.merge.png, which shows the
+    /// exposure with the largest weight at each pixel.
     #[arg(short, long, value_name = "X.exr")]
     output: PathBuf,
     /// Write the camera's response curve as text: natural logarithm of the exposure of each code

@@ -27,7 +27,7 @@ use crate::surface::SurfaceOptions;
 /// Options of `gonio render`.
 #[derive(clap::Args)]
 pub(crate) struct RenderOptions {
-    /// BRDF: of a result folder, or a file of MERL, RGL, MDL (.mbsdf) or CSV
+    /// BRDF: a result folder, or a file: .npz, MERL (.binary), RGL (.bsdf), MDL (.mbsdf) or .csv
     #[arg(long, value_name = "DIR|FILE.npz|FILE.binary|FILE.bsdf|FILE.mbsdf|FILE.csv")]
     brdf: PathBuf,
     /// Render N materials drawn from the posterior, to show the uncertainty (5 to 500)

@@ -48,13 +48,13 @@ pub(crate) struct TrainLightingOptions {
     #[arg(long, default_value_t = 128)]
     grid: usize,
     /// Mapping of the sphere to the square
-    #[arg(long, value_enum, default_value_t = MapName::EqualArea)]
-    map: MapName,
+    #[arg(long, value_enum, default_value_t = MappingName::EqualArea)]
+    mapping: MappingName,
     /// Number of rotations about the vertical axis in which each map is used
     ///
     /// With an even number, horizontal and vertical wavelets of a scale have equal statistics.
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=64))]
-    turns: u32,
+    rotations: u32,
     /// Clip each map at this multiple of its mean, to simulate the limited range of a camera
     #[arg(long, value_name = "TIMES")]
     cap: Option<f64>,
@@ -65,7 +65,7 @@ pub(crate) struct TrainLightingOptions {
 
 /// Names of [`OctahedralMap`].
 #[derive(Clone, Copy, clap::ValueEnum)]
-pub(crate) enum MapName {
+pub(crate) enum MappingName {
     /// Clarberg's equal-area map
     EqualArea,
     /// Praun and Hoppe's octahedral map, as in the paper
@@ -90,8 +90,8 @@ pub(crate) struct TrainReflectanceOptions {
     #[arg(long, value_enum, default_value_t = Channel::Green)]
     channel: Channel,
     /// Number of random starts of the factorisation
-    #[arg(long, default_value_t = NmfSettings::default().restarts)]
-    restarts: usize,
+    #[arg(long, default_value_t = NmfSettings::default().starts)]
+    starts: usize,
     /// Seed of the random starts
     #[arg(long, default_value_t = 0)]
     seed: u64,
@@ -136,12 +136,14 @@ pub(crate) struct TrainPosteriorOptions {
     /// Channel of the measured BRDFs to use
     #[arg(long, value_enum, default_value_t = Channel::Luminance)]
     channel: Channel,
-    /// Number of views of environment maps in each group of simulated scenes
+    /// Number of views of environment maps in a group of simulated scenes
+    ///
+    /// A group shows each of its materials in each of its views.
     #[arg(long, default_value_t = PosteriorSettings::default().views)]
     views: usize,
-    /// Number of materials in each group of simulated scenes
-    #[arg(long, default_value_t = PosteriorSettings::default().draws)]
-    draws: usize,
+    /// Number of materials in a group of simulated scenes
+    #[arg(long, default_value_t = PosteriorSettings::default().group_materials)]
+    group_materials: usize,
     /// Number of training steps, each on 128 simulated photographs
     #[arg(long, default_value_t = PosteriorSettings::default().steps)]
     steps: usize,
@@ -226,12 +228,12 @@ fn learn<T>(job: impl FnOnce(training::Progress<'_>) -> Result<T, TrainingError>
 }
 
 fn lighting(options: &TrainLightingOptions) -> Result<Outcome> {
-    let map = match options.map {
-        MapName::EqualArea => OctahedralMap::EqualArea,
-        MapName::PraunHoppe => OctahedralMap::PraunHoppe,
+    let map = match options.mapping {
+        MappingName::EqualArea => OctahedralMap::EqualArea,
+        MappingName::PraunHoppe => OctahedralMap::PraunHoppe,
     };
-    let TrainLightingOptions { grid, turns, cap, seed, .. } = *options;
-    let settings = LightingSettings { grid, map, turns: turns as usize, cap, seed };
+    let TrainLightingOptions { grid, rotations, cap, seed, .. } = *options;
+    let settings = LightingSettings { grid, map, rotations: rotations as usize, cap, seed };
     let lights = Lights::Folder(options.dir.clone());
     let (prior, provenance) = learn(|progress| training::lighting(&lights, &settings, progress))?;
     write_file(&options.output, &encode_lighting(&prior, &provenance))?;
@@ -242,7 +244,7 @@ fn reflectance(options: &TrainReflectanceOptions) -> Result<Outcome> {
     let settings = ReflectanceSettings {
         rank: options.rank,
         channel: options.channel.of(),
-        restarts: options.restarts,
+        starts: options.starts,
         seed: options.seed,
     };
     let materials = Materials::Folder(options.dir.clone());
@@ -271,7 +273,7 @@ fn posterior(options: &TrainPosteriorOptions) -> Result<Outcome> {
     let settings = PosteriorSettings {
         channel: options.channel.of(),
         views: options.views,
-        draws: options.draws,
+        group_materials: options.group_materials,
         steps: options.steps,
         leave_out: options.leave_out,
         initial,

@@ -70,7 +70,7 @@ mod tests {
     fn trained_bases_load_from_the_cache() {
         let lobe = |s: f64| BivariateTable::from_fn(move |h, d| 0.1 + s * (-(h / 0.2).powi(2)).exp() + 0.1 * s * s * d);
         let materials: Vec<(String, BivariateTable)> = (1..6).map(|i| (format!("m{i}"), lobe(f64::from(i)))).collect();
-        let nmf = NmfSettings { rank: 2, restarts: 2, max_iterations: 50, ..NmfSettings::default() };
+        let nmf = NmfSettings { rank: 2, starts: 2, max_iterations: 50, ..NmfSettings::default() };
         let settings = TrainSettings { nmf, ..TrainSettings::default() };
         let dir = tempfile::tempdir().unwrap();
         let cache = Cache::at(dir.path());

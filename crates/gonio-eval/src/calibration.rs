@@ -12,9 +12,9 @@ use std::path::Path;
 
 use anyhow::Result;
 use gonio::colour::{Chroma, ChromaField, ChromaInterval, ColourEstimate};
-use gonio::estimate::{Colouring, EstimateSettings, Light, Material, expected_misfit};
+use gonio::estimate::{Colouring, EstimateSettings, Light, MaterialEstimate, expected_misfit};
 use gonio::gloss::GgxWidths;
-use gonio::inference::learnt::peak_to_body;
+use gonio::inference::learnt::peak_height;
 use gonio::reflectance::{BivariateTable, THETA_D, brdf_scale, theta_d_of, theta_h_of, trusted_cells};
 
 use crate::colour::{ColourEstimator, Subject, photographs, subjects, train_colours};
@@ -123,7 +123,7 @@ pub(crate) fn run(data: &Path, options: &CalibrationOptions) -> Result<()> {
                     misfit: found.misfit,
                     expected: expected_misfit(&material),
                     fineness: material.fineness,
-                    gloss: material.peak_to_body[1],
+                    gloss: material.peak_height[1],
                     name: format!("{} in {light}", subject.name),
                 });
             }
@@ -141,7 +141,7 @@ pub(crate) fn band_of(bands: &[f64], angle: f64) -> usize {
     bands[1..bands.len() - 1].iter().filter(|end| angle.to_degrees() >= **end).count()
 }
 
-fn add_cells(cells: &mut Vec<Cell>, subject: &Subject, lit: bool, material: &Material, colouring: &Colouring) {
+fn add_cells(cells: &mut Vec<Cell>, subject: &Subject, lit: bool, material: &MaterialEstimate, colouring: &Colouring) {
     let truth = BivariateTable::luminance(&subject.rgb);
     let scale = 1.0 / brdf_scale(&material.table, &truth);
     let colours = match colouring {
@@ -189,9 +189,9 @@ fn group_of(subject: &Subject) -> usize {
 }
 
 impl Numbers {
-    fn of(subject: &Subject, lit: bool, material: &Material, colouring: &Colouring) -> Self {
+    fn of(subject: &Subject, lit: bool, material: &MaterialEstimate, colouring: &Colouring) -> Self {
         let truth = BivariateTable::luminance(&subject.rgb);
-        let gloss = peak_to_body(&truth);
+        let gloss = peak_height(&truth);
         let alpha = GgxWidths::new().alpha_of(&truth).unwrap_or(1.0);
         let field = ChromaField::of_tables(&subject.rgb);
         let chroma = |part: fn(&ColourEstimate) -> &ChromaInterval, want: Chroma| match colouring {
@@ -205,7 +205,7 @@ impl Numbers {
         Self {
             group: group_of(subject),
             lit,
-            gloss: within(material.peak_to_body, gloss),
+            gloss: within(material.peak_height, gloss),
             alpha: within(material.highlight.alpha, alpha),
             body: chroma(|found| &found.body, field.body(&truth)),
             highlight: chroma(|found| &found.highlight, field.highlight(&truth)),

@@ -12,7 +12,7 @@ use std::time::Instant;
 use anyhow::{Context, Result, bail};
 use glam::DQuat;
 use gonio::appearance::Lattice;
-use gonio::inference::learnt::peak_to_body;
+use gonio::inference::learnt::peak_height;
 use gonio::inference::light::{LightProblem, cut_off_at_zero};
 use gonio::lighting::{LightGrid, LightPrior};
 use gonio::picture::luminance;
@@ -128,7 +128,7 @@ pub(crate) fn run(data: &Path, options: &LightsOptions) -> Result<()> {
 fn training(all: &Materials) -> Vec<(String, BivariateTable)> {
     let held_out = all.held_out();
     let mut materials = all.extrapolated(all.database().filter(|at| !held_out.contains(at)));
-    materials.sort_by(|a, b| peak_to_body(&a.1).total_cmp(&peak_to_body(&b.1)));
+    materials.sort_by(|a, b| peak_height(&a.1).total_cmp(&peak_height(&b.1)));
     materials
 }
 

@@ -14,14 +14,15 @@ use anyhow::{Context, Result};
 use glam::Vec3;
 use gonio::colour::{ChromaField, SavedChroma};
 use gonio::estimate::{
-    Alignment, Colouring, ColouringRule, EstimateSettings, Material, combine, estimate_known_light, estimate_regions,
+    Alignment, Colouring, ColouringRule, EstimateSettings, MaterialEstimate, combine, estimate_known_light,
+    estimate_regions,
 };
 use gonio::inference::Likelihood;
 use gonio::lighting::EnvironmentMap;
 use gonio::model::Model;
 use gonio::reflectance::BivariateTable;
 use gonio::render::{Accuracy, Brdf, IntegratorSettings, LightTree, Relighter, SphereSettings, render_sphere};
-use gonio::scene::{Detection, Object, ObservationSettings, Observations};
+use gonio::scene::{Detection, ObjectShape, ObservationSettings, Observations};
 
 use crate::bench::DRAFT;
 use crate::colour::{RELIT_NORMALS, picture, points};
@@ -92,7 +93,7 @@ impl Relit {
 
 impl Errors {
     fn of(
-        material: &Material,
+        material: &MaterialEstimate,
         field: &ChromaField,
         subject: &PhotographedMaterial,
         operators: &[[Relighter; 3]],
@@ -139,7 +140,7 @@ struct PhotographedMaterial {
 
 /// The estimate from one photograph.
 struct One {
-    material: Material,
+    material: MaterialEstimate,
     colouring: Colouring,
 }
 
@@ -187,13 +188,13 @@ fn photographs(
     let rule = ColouringRule::default();
     for subject in all {
         let of_blind = |one: &Observations| -> Result<One> {
-            let material = Material::of(model, one, 32)?;
+            let material = MaterialEstimate::of(model, one, 32)?;
             let colouring = Colouring::of(model, one, &material.table, &rule);
             Ok(One { material, colouring })
         };
         let blind_ones: Vec<One> = subject.photographs.iter().map(of_blind).collect::<Result<_>>()?;
         let under = |(one, map): (&Observations, &EnvironmentMap)| -> Result<One> {
-            let found = estimate_known_light(model, one, (map, Alignment::Near), &rule, &|_| ())?;
+            let found = estimate_known_light(model, one, (map, Alignment::Small), &rule, &|_| ())?;
             Ok(One { material: found.material, colouring: found.colouring })
         };
         let lit_ones: Vec<One> = subject.photographs.iter().zip(maps).map(under).collect::<Result<_>>()?;
@@ -283,7 +284,7 @@ fn collect(
     operators: &[[Relighter; 3]],
     out: &mut [Vec<Errors>],
 ) -> Result<usize> {
-    let materials: Vec<&Material> = ones.iter().map(|one| &one.material).collect();
+    let materials: Vec<&MaterialEstimate> = ones.iter().map(|one| &one.material).collect();
     let saved: Vec<Option<SavedChroma>> = ones.iter().map(One::saved).collect();
     let mut refused = 0;
     for (count, out) in out.iter_mut().enumerate().map(|(at, out)| (at + 1, out)) {
@@ -308,9 +309,9 @@ fn collect(
 /// combination is refused.
 pub(crate) fn joined<'a>(
     model: &Model,
-    ones: &[&'a Material],
+    ones: &[&'a MaterialEstimate],
     count: usize,
-) -> impl Iterator<Item = Option<Cow<'a, Material>>> {
+) -> impl Iterator<Item = Option<Cow<'a, MaterialEstimate>>> {
     let starts = if count == ones.len() { 1 } else { ones.len() };
     (0..starts).map(move |start| {
         if count == 1 {
@@ -330,7 +331,7 @@ pub(crate) fn photograph(brdf: &dyn Brdf, map: &EnvironmentMap) -> Result<Observ
         ..SphereSettings::default()
     };
     let picture = render_sphere(brdf, &LightTree::of_map(map), &settings, &|_| ());
-    let detection = Detection::of(&picture, None, Object::Sphere(None), &ObservationSettings::default())?;
+    let detection = Detection::of(&picture, None, ObjectShape::Sphere(None), &ObservationSettings::default())?;
     Ok(detection.observations)
 }
 

@@ -15,7 +15,7 @@ use gonio::model::Model;
 use gonio::picture::{Picture, Plane};
 use gonio::reflectance::{BivariateTable, angles_of};
 use gonio::render::{SphereSettings, render_spheres};
-use gonio::scene::{Circle, Detection, Object, ObservationSettings};
+use gonio::scene::{Circle, Detection, ObjectShape, ObservationSettings};
 use gonio::simulation::generator;
 use rand::{Rng, RngExt};
 use rand_distr::{Distribution, StandardNormal};
@@ -172,7 +172,7 @@ fn infer(
     keep_colours: bool,
 ) -> Result<(bool, Option<BivariateTable>)> {
     let settings = ObservationSettings { keep_colours, ..ObservationSettings::default() };
-    let detection = Detection::of(picture, None, Object::Sphere(Some(circle)), &settings)?;
+    let detection = Detection::of(picture, None, ObjectShape::Sphere(Some(circle)), &settings)?;
     let found = estimate(model, &detection.observations, &EstimateSettings::default(), &|_| ())?;
     let table = (found.light.misfit <= MAX_MISFIT).then_some(found.material.table);
     Ok((detection.observations.report.pattern_ratio.is_some(), table))

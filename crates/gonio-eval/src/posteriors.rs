@@ -48,8 +48,8 @@ pub(crate) struct Effort {
     #[arg(long, default_value_t = ScenePoolSettings::default().views, value_parser = some())]
     views: usize,
     /// Materials in each group of scenes
-    #[arg(long, default_value_t = ScenePoolSettings::default().draws, value_parser = some())]
-    draws: usize,
+    #[arg(long, default_value_t = ScenePoolSettings::default().group_materials, value_parser = some())]
+    group_materials: usize,
     /// Steps of the training
     #[arg(long, default_value_t = TrainingSettings::default().steps, value_parser = some())]
     steps: usize,
@@ -83,7 +83,7 @@ impl Effort {
             pool: ScenePoolSettings {
                 groups: ScenePoolSettings::groups_for(self.steps),
                 views: self.views,
-                draws: self.draws,
+                group_materials: self.group_materials,
                 ..ScenePoolSettings::default()
             },
             training: TrainingSettings {

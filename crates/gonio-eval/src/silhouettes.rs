@@ -17,7 +17,7 @@ use gonio::model::Model;
 use gonio::picture::{Picture, Plane};
 use gonio::reflectance::BivariateTable;
 use gonio::render::{LightTree, SurfaceSettings, render_surfaces};
-use gonio::scene::{Detection, NormalPicture, Object, ObservationSettings};
+use gonio::scene::{Detection, NormalMap, ObjectShape, ObservationSettings};
 use gonio::shape::{BuiltInShape, GeometryBuffer, Mesh, MeshParts, PosedSurface};
 use gonio::simulation::generator;
 use rand::{Rng, RngExt};
@@ -249,19 +249,19 @@ pub(crate) fn run(data: &Path, options: &SilhouettesOptions) -> Result<()> {
                 let cases = [Known::Mesh, Known::Outline].into_iter().chain(options.wrong.map(|_| Known::Wrong));
                 for known in cases {
                     let object = match known {
-                        Known::Mesh => Object::Surface(posed()?),
+                        Known::Mesh => ObjectShape::Surface(posed()?),
                         Known::Wrong => {
                             let wrong = options.wrong.unwrap_or_default();
                             let normals = GeometryBuffer::of(scene.surface.as_ref(), &scene.camera).normals;
-                            Object::Normals(Arc::new(NormalPicture {
+                            ObjectShape::Normals(Arc::new(NormalMap {
                                 normals: with_errors(&normals, wrong.to_radians(), &format!("{shape} {light} {name}")),
                                 camera: Some(scene.camera),
-                                relief: None,
+                                positions: None,
                                 trusted: true,
                                 error: options.stated.unwrap_or(wrong).to_radians(),
                             }))
                         }
-                        Known::Outline | Known::Lambert => Object::Outline,
+                        Known::Outline | Known::Lambert => ObjectShape::Outline,
                     };
                     let mut detection = Detection::of(&picture, None, object, &ObservationSettings::default())?;
                     detection.shadow((model.light.map, EstimateSettings::default().side), &|_| ())?;

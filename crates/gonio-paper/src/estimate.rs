@@ -54,7 +54,7 @@ pub struct PaperSettings {
     /// of light is that of the model.
     pub as_printed: bool,
     /// Use all observations instead of their projection.
-    pub full_rows: bool,
+    pub all_observations: bool,
 }
 
 impl Default for PaperSettings {
@@ -66,7 +66,7 @@ impl Default for PaperSettings {
             starts: 4,
             seed: 1,
             as_printed: false,
-            full_rows: false,
+            all_observations: false,
         }
     }
 }
@@ -116,7 +116,7 @@ pub enum PaperDiagnostic {
     /// No start converged.
     NotConverged,
     /// The relative noise is large.
-    Unexplained(f64),
+    LargeResidual(f64),
     /// A light on a grid of `side` texels per side cannot reproduce this share of the image.
     LeftOver {
         /// Texels along a side.
@@ -130,10 +130,9 @@ impl fmt::Display for PaperDiagnostic {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::NotConverged => write!(f, "no start of the solver converged; the result may be inaccurate"),
-            Self::Unexplained(noise) => write!(
+            Self::LargeResidual(noise) => write!(
                 f,
-                "the solver did not converge: the relative RMS residual of the photograph is {:.0} %; \
-                 the result is unreliable",
+                "the relative RMS residual of the photograph is {:.0} %; the result is unreliable; use --method learnt",
                 100.0 * noise
             ),
             Self::LeftOver { side, share } => write!(
@@ -228,7 +227,7 @@ impl PaperEstimate {
             found.push(PaperDiagnostic::NotConverged);
         }
         if self.relative_noise > UNEXPLAINED {
-            found.push(PaperDiagnostic::Unexplained(self.relative_noise));
+            found.push(PaperDiagnostic::LargeResidual(self.relative_noise));
         }
         found
     }
@@ -244,7 +243,7 @@ fn project(
     let (points, tables) = (observations.points_with_visibility(), &model.reflectance.functions);
     let plan = PlanSettings::of_side(settings.side);
     // With few observations, a plan would have more rows than there are values.
-    if settings.full_rows || observations.report.used <= plan.rank {
+    if settings.all_observations || observations.report.used <= plan.rank {
         return Ok((Projected::unprojected(points, &observations.values, tables, &model.light, &plan.transfer)?, None));
     }
     let plan = Plan::build(points, tables, &model.light, &plan, progress)?;

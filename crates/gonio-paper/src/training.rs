@@ -262,7 +262,7 @@ mod tests {
     }
 
     fn settings(rank: usize) -> TrainSettings {
-        let nmf = NmfSettings { rank, restarts: 2, tolerance: 1e-9, ..Default::default() };
+        let nmf = NmfSettings { rank, starts: 2, tolerance: 1e-9, ..Default::default() };
         TrainSettings { nmf, ..Default::default() }
     }
 

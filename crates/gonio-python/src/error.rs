@@ -37,8 +37,8 @@ pub(crate) fn words(suggestion: &Suggestion) -> Option<String> {
             return (!listed.is_empty()).then(|| format!("select one with {}", listed.join(" or ")));
         }
         Suggestion::TrustNormals => "skip this check with trust_normals=True",
-        Suggestion::KeepColours => "to use all pixels unchanged, specify keep_colors=True",
-        Suggestion::AlignLight => "search for the rotation of the environment map with align_light=\"around\"",
+        Suggestion::KeepColours => "to use all pixels unchanged, specify one_material=True",
+        Suggestion::AlignLight => "search for the rotation of the environment map with align_light=\"vertical\"",
         Suggestion::Force => "use force=True to estimate anyway",
         Suggestion::Linear => "use linear=True if the values are linear radiance",
         Suggestion::Layer => "select another layer with layer=NAME",

@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 use gonio::colour::ChromaField;
-use gonio::estimate::Material;
+use gonio::estimate::MaterialEstimate;
 use gonio::lighting::EnvironmentMap;
 use gonio::model::Model as Known;
 use gonio::picture::Plane;
@@ -36,7 +36,7 @@ pub(crate) struct InferSettings<'py> {
     starts: usize,
     seed: u64,
     solver: String,
-    full_rows: bool,
+    all_observations: bool,
     grid: usize,
     light: Option<PictureArg<'py>>,
     mirror_ball: Option<(f64, f64, f64)>,
@@ -62,7 +62,7 @@ impl InferSettings<'_> {
             starts: self.starts,
             seed: self.seed,
             as_printed: self.method == "paper",
-            full_rows: self.full_rows,
+            all_observations: self.all_observations,
             ..PaperSettings::default()
         };
         let map = match &self.light {
@@ -76,9 +76,9 @@ impl InferSettings<'_> {
             }
         };
         let alignment = match self.align_light.as_str() {
-            "around" => Alignment::Around,
+            "vertical" => Alignment::Vertical,
             "fixed" => Alignment::Fixed,
-            _ => Alignment::Near,
+            _ => Alignment::Small,
         };
         if let Some((x, y, radius)) = self.mirror_ball {
             let ball = MirrorBall {
@@ -246,7 +246,7 @@ fn of_table<'py>(py: Python<'py>, table: BivariateTable, field: &ChromaField) ->
 /// Returns a dictionary of a material with the keys of `gonio._types.MaterialData`.
 pub(crate) fn of_material<'py>(
     py: Python<'py>,
-    material: &Material,
+    material: &MaterialEstimate,
     (field, channels): (&ChromaField, Option<[Vec<Vec<f32>>; 3]>),
     scale: f64,
 ) -> PyResult<Bound<'py, PyDict>> {
@@ -269,7 +269,7 @@ pub(crate) fn of_material<'py>(
         material.posterior.neighbours.iter().map(|n| (n.name.clone(), n.weight)).collect();
     out.set_item("materials", materials)?;
     let three = |values: [f64; 3]| arrays::array(py, 3, values.to_vec());
-    out.set_item("peak_to_body", three(material.peak_to_body))?;
+    out.set_item("peak_height", three(material.peak_height))?;
     out.set_item("ggx_alpha", three(material.highlight.alpha))?;
     // Gloss units are proportional to the scale of the table.
     out.set_item("gloss_units", material.highlight.units.map(|units| three(units.map(|u| u * scale))))?;

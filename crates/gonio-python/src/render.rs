@@ -1,7 +1,7 @@
 //! Rendering and evaluation of a BRDF.
 
 use gonio::gloss::{GgxWidths, Glossmeter};
-use gonio::inference::learnt::peak_to_body;
+use gonio::inference::learnt::peak_height;
 use gonio::lighting::{EnvironmentMap, studio_light};
 use gonio::picture::Picture;
 use gonio::reflectance::{BivariateTable, MerlTable, THETA_D, THETA_H};
@@ -122,7 +122,7 @@ pub(crate) fn highlights<'py>(
         let (widths, meters) = (GgxWidths::new(), [Glossmeter::at_20(), Glossmeter::at_60()]);
         let of = |table: &BivariateTable| {
             let alpha = widths.alpha_of(table).unwrap_or(1.0).min(1.0);
-            [peak_to_body(table), alpha, meters[0].read(table), meters[1].read(table)]
+            [peak_height(table), alpha, meters[0].read(table), meters[1].read(table)]
         };
         all.iter().flat_map(of).collect::<Vec<f64>>()
     });

@@ -7,7 +7,7 @@ use gonio::picture::{Picture, Plane};
 use gonio::scene::{Circle, Correction};
 use gonio::shape::{DepthKind, MeshParts};
 use gonio_app::{
-    AppError, Curve, NormalMap, PhotographSource, PositionSource, Reading, Reference, ReferenceTarget, Scene, Shape,
+    AppError, Curve, NormalSource, PhotographSource, PositionSource, Reading, Reference, ReferenceTarget, Scene, Shape,
     ShapeKind, Source,
 };
 use gonio_io::colour_space::ColourSpace;
@@ -160,7 +160,7 @@ pub(crate) struct SceneArg<'py> {
     reading: ReadingArg,
     mask: Option<GivenMask<'py>>,
     clip: Option<f32>,
-    keep_colors: bool,
+    one_material: bool,
     force: bool,
     object: ShapeArg<'py>,
     reference: Option<ReferenceArg<'py>>,
@@ -185,7 +185,7 @@ impl SceneArg<'_> {
             reading: self.reading.take(),
             mask: self.mask.map(GivenMask::source).transpose()?,
             clip: self.clip,
-            keep_colours: self.keep_colors,
+            keep_colours: self.one_material,
             force: self.force,
             shape: self.object.take()?,
             reference: self.reference.map(ReferenceArg::take).transpose()?,
@@ -246,7 +246,7 @@ impl ShapeArg<'_> {
 }
 
 impl NormalsArg<'_> {
-    fn take(self) -> PyResult<NormalMap> {
+    fn take(self) -> PyResult<NormalSource> {
         let picture = match self.picture {
             PictureArg::Array(array) | PictureArg::WithAlpha((array, _)) => Source::Memory(arrays::colours(&array)?),
             PictureArg::File(path) => Source::File(path),
@@ -258,7 +258,7 @@ impl NormalsArg<'_> {
         let depth =
             self.depth.map(|depth| depth.source().map(|depth| PositionSource::Depth(depth, self.depth_range, kind)));
         let positions = self.positions.map(|positions| positions.source().map(PositionSource::Positions));
-        Ok(NormalMap {
+        Ok(NormalSource {
             picture,
             correction,
             trusted: self.trusted,

@@ -82,8 +82,8 @@ fn channel(name: &str) -> Result<Channel, AppError> {
 #[pyo3(from_item_all)]
 pub(crate) struct LightingOptions {
     grid: usize,
-    layout: String,
-    turns: usize,
+    mapping: String,
+    rotations: usize,
     cap: Option<f64>,
     seed: u64,
 }
@@ -101,16 +101,16 @@ pub(crate) fn train_lighting(
 ) -> PyResult<Part> {
     let lights = lights.take()?;
     let (bytes, provenance) = work::run(py, listeners, move |reporter| {
-        let LightingOptions { grid, layout, turns, cap, seed } = options;
-        let map = match layout.as_str() {
+        let LightingOptions { grid, mapping, rotations, cap, seed } = options;
+        let map = match mapping.as_str() {
             "equal-area" => OctahedralMap::EqualArea,
             "praun-hoppe" => OctahedralMap::PraunHoppe,
-            _ => return Err(AppError::new(format!("layout {layout:?}: must be \"equal-area\" or \"praun-hoppe\""))),
+            _ => return Err(AppError::new(format!("mapping {mapping:?}: must be \"equal-area\" or \"praun-hoppe\""))),
         };
-        if !(1..=64).contains(&turns) {
-            return Err(AppError::new(format!("turns {turns}: must be from 1 to 64")));
+        if !(1..=64).contains(&rotations) {
+            return Err(AppError::new(format!("rotations {rotations}: must be from 1 to 64")));
         }
-        let settings = LightingSettings { grid, map, turns, cap, seed };
+        let settings = LightingSettings { grid, map, rotations, cap, seed };
         let (prior, provenance) = training::lighting(&lights, &settings, &|stage, x| reporter.at(stage, x))?;
         Ok((encode_lighting(&prior, &provenance), provenance))
     })?;
@@ -123,7 +123,7 @@ pub(crate) fn train_lighting(
 pub(crate) struct ReflectanceOptions {
     rank: usize,
     channel: String,
-    restarts: Option<usize>,
+    starts: Option<usize>,
     seed: u64,
 }
 
@@ -144,7 +144,7 @@ pub(crate) fn train_reflectance(
         let settings = ReflectanceSettings {
             rank: options.rank,
             channel: channel(&options.channel)?,
-            restarts: options.restarts.unwrap_or(default.restarts),
+            starts: options.starts.unwrap_or(default.starts),
             seed: options.seed,
         };
         let (basis, report, provenance) =
@@ -161,7 +161,7 @@ pub(crate) fn train_reflectance(
 pub(crate) struct PosteriorOptions {
     channel: String,
     views: Option<usize>,
-    draws: Option<usize>,
+    group_materials: Option<usize>,
     steps: Option<usize>,
     initial: Option<Py<Model>>,
     seed: u64,
@@ -184,7 +184,7 @@ pub(crate) fn train_posterior(
             initial: options.initial.as_ref().map(initial).transpose()?,
             channel: channel(&options.channel)?,
             views: options.views.unwrap_or(default.views),
-            draws: options.draws.unwrap_or(default.draws),
+            group_materials: options.group_materials.unwrap_or(default.group_materials),
             steps: options.steps.unwrap_or(default.steps),
             seed: options.seed,
             ..default

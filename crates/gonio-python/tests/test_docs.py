@@ -64,5 +64,5 @@ def test_attributes_of_values_are_documented(found, small):
 def test_help_shows_attributes(capsys):
     help(gonio.Posterior)
     shown = capsys.readouterr().out
-    for name in ("peak_to_body", "ggx_alpha", "gloss_units", "luminance_quantiles", "light", "rgb_draws", "warnings"):
+    for name in ("peak_height", "ggx_alpha", "gloss_units", "luminance_quantiles", "light", "rgb_draws", "warnings"):
         assert f"\n |  {name}\n |      " in shown, name

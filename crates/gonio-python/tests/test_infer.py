@@ -26,7 +26,7 @@ def test_the_sample_is_a_glossy_ball(found):
     assert found.undetermined.dtype == np.bool_
     assert found.light.shape == (128, 256, 3) and found.light.min() >= 0
     assert (np.diff(found.luminance_quantiles, axis=0) >= 0).all()
-    assert found.peak_to_body[0] <= found.peak_to_body[1] <= found.peak_to_body[2]
+    assert found.peak_height[0] <= found.peak_height[1] <= found.peak_height[2]
     assert found.brdf.albedo == pytest.approx(0.5, abs=1e-3)
     assert found.misfit < 0.2
     assert found.result["format"] == "gonio-result" and found.result["method"] == "learnt"
@@ -99,7 +99,7 @@ def test_shapes_by_normals_and_outline_agree():
     normals = np.dstack([a, b, np.sqrt(np.maximum(1 - a**2 - b**2, 0))]) * inside[:, :, None]
     by_normals = gonio.infer(small, normals, **QUICK)
     by_outline = gonio.infer(small, "sphere", **QUICK)
-    assert by_normals.peak_to_body[1] == pytest.approx(by_outline.peak_to_body[1], rel=0.3)
+    assert by_normals.peak_height[1] == pytest.approx(by_outline.peak_height[1], rel=0.3)
     assert by_outline.result["observations"]["shape"]["kind"] == "sphere"
     circle = gonio.infer(small, circle=(width / 2, height / 2, width / 2 - 2), **QUICK)
     assert circle.result["observations"]["shape"]["circle"]["radius"] == pytest.approx(width / 2 - 2)

@@ -59,7 +59,7 @@ def test_accepts_tensors(small, want):
     assert same(gonio.infer(first, **QUICK), want)
     assert same(gonio.infer(Tensor(small), **QUICK), want)
     rgb, alpha = Tensor(np.ascontiguousarray(small[..., :3])), Tensor(np.ascontiguousarray(small[None, ..., 3]))
-    assert np.isfinite(gonio.infer(rgb, mask=alpha, **QUICK).peak_to_body).all()
+    assert np.isfinite(gonio.infer(rgb, mask=alpha, **QUICK).peak_height).all()
     with pytest.raises(gonio.GonioError, match="the image: NumPy cannot read the tensor: on a GPU"):
         gonio.infer(OnGpu())
 
@@ -81,10 +81,10 @@ def test_accepts_pil_images(small):
     with_alpha = np.dstack([coded, np.uint8(255) * (small[..., 3] > 0.5)])
     cmyk = Image.fromarray(coded).convert("CMYK")
     near = gonio.infer(cmyk, mask=mask, linear=True, **QUICK)
-    assert near.peak_to_body[1] == pytest.approx(want.peak_to_body[1], rel=0.2)
+    assert near.peak_height[1] == pytest.approx(want.peak_height[1], rel=0.2)
     palette = Image.fromarray(with_alpha).convert("RGBA").quantize(200)
     assert palette.mode == "P"
-    assert np.isfinite(gonio.infer(palette, mask=mask, linear=True, **QUICK).peak_to_body).all()
+    assert np.isfinite(gonio.infer(palette, mask=mask, linear=True, **QUICK).peak_height).all()
     labels = Image.fromarray(np.uint8(small[..., 3] > 0.5)).convert("P")
     assert list(gonio.infer_regions(small[..., :3], labels, **QUICK)) == ["1"]
 

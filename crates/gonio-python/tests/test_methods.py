@@ -83,7 +83,7 @@ def test_every_option_of_the_program_is_an_argument(command):
         ({"method": "variational", "solver": "quick"}, 'solver "quick": must be "blocks" or "printed"'),
         ({"method": "paper", "grid": 8}, 'grid is for method='),
         ({"method": "paper", "shape": "blob"}, 'method="paper" requires a sphere'),
-        ({"align_light": "near"}, 'align_light is for method="known-light"'),
+        ({"align_light": "small"}, 'align_light is for method="known-light"'),
         ({"mirror_ball": (1, 2, 3), "method": "joint-map"}, 'mirror_ball is for method="known-light"'),
         ({"mirror_ball": (1, 2, 3), "light": np.ones((8, 16))}, "mirror_ball and light both describe the light"),
         ({"mirror_ball": (1, 2, 3), "absolute": True}, "absolute is for light"),

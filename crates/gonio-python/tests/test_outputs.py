@@ -32,8 +32,8 @@ def test_converts_to_arviz(found):
     data = found.to_inference_data(80, seed=5)
     assert data.posterior.sizes["chain"] == 1 and data.posterior.sizes["draw"] == 80
     assert np.array_equal(data.posterior.brdf[0], found.draw(80, seed=5))
-    table = arviz.summary(data, var_names=["peak_to_body", "ggx_alpha", "gloss_units_60"], kind="stats")
-    assert list(table.index) == ["peak_to_body", "ggx_alpha", "gloss_units_60"]
+    table = arviz.summary(data, var_names=["peak_height", "ggx_alpha", "gloss_units_60"], kind="stats")
+    assert list(table.index) == ["peak_height", "ggx_alpha", "gloss_units_60"]
     # The interval of the draws is close to that of the posterior.
     low, high = np.quantile(data.posterior.ggx_alpha, [0.05, 0.95])
     assert 0.5 < low / found.ggx_alpha[0] < 2 and 0.5 < high / found.ggx_alpha[2] < 2
@@ -112,14 +112,14 @@ def test_colours_do_not_change_the_luminance_of_samples(found):
 def test_highlight_of_a_brdf_agrees_with_its_posterior(found):
     """Checks that the highlight of a BRDF agrees with its posterior and scales correctly."""
     brdf = found.brdf
-    assert found.peak_to_body[0] / 2 < brdf.peak_to_body < 2 * found.peak_to_body[2]
+    assert found.peak_height[0] / 2 < brdf.peak_height < 2 * found.peak_height[2]
     assert found.ggx_alpha[0] / 2 < brdf.ggx_alpha < 2 * found.ggx_alpha[2]
     assert set(brdf.gloss_units) == set(found.gloss_units) == {20, 60}
     assert brdf.scaled(0.25).gloss_units[60] == pytest.approx(brdf.gloss_units[60] / 2, rel=1e-3)
-    assert brdf.scaled(0.25).ggx_alpha == pytest.approx(brdf.ggx_alpha) and brdf.scaled(0.25).peak_to_body == pytest.approx(brdf.peak_to_body)
+    assert brdf.scaled(0.25).ggx_alpha == pytest.approx(brdf.ggx_alpha) and brdf.scaled(0.25).peak_height == pytest.approx(brdf.peak_height)
     assert (found.roughness**2 == pytest.approx(found.ggx_alpha)) and found.result["posterior"]["highlight"]["ggx_alpha"]["50"] == found.ggx_alpha[1]
     chalk = gonio.Brdf.of(lambda h, d: 0.2 + 0 * h)
-    assert chalk.ggx_alpha == 1 and chalk.peak_to_body == pytest.approx(1)
+    assert chalk.ggx_alpha == 1 and chalk.peak_height == pytest.approx(1)
     grey = brdf.grey().table
     assert np.array_equal(grey[..., 0], grey[..., 1]) and np.allclose(grey[..., 0], brdf.luminance)
 

@@ -25,9 +25,9 @@ def materials() -> dict[str, gonio.Brdf]:
 
 def test_a_trained_model_can_be_used(small, tmp_path):
     told = []
-    lighting = gonio.train_lighting(lights(), grid=16, turns=2, progress=lambda stage, x: told.append(stage))
-    basis = gonio.train_reflectance(materials(), rank=2, restarts=2)
-    posterior = gonio.train_posterior(lights()[:1], materials(), views=1, draws=4, steps=2)
+    lighting = gonio.train_lighting(lights(), grid=16, rotations=2, progress=lambda stage, x: told.append(stage))
+    basis = gonio.train_reflectance(materials(), rank=2, starts=2)
+    posterior = gonio.train_posterior(lights()[:1], materials(), views=1, group_materials=4, steps=2)
     assert told and set(told) == {"reading lights"}
     assert "3 maps" in lighting.provenance and set(basis.errors) == {"matt", "satin", "gloss"}
     model = gonio.train_model(lighting, basis, posterior)
@@ -41,7 +41,7 @@ def test_a_trained_model_can_be_used(small, tmp_path):
     assert pickle.loads(pickle.dumps(found)).draw(2).shape == (2, 90, 90)
     # The untrained parts are those of the embedded model.
     assert gonio.train_model(posterior=posterior).largest_grid == gonio.Model.embedded().largest_grid
-    again = gonio.train_posterior(lights()[:1], materials(), views=1, draws=2, steps=1, initial=model)
+    again = gonio.train_posterior(lights()[:1], materials(), views=1, group_materials=2, steps=1, initial=model)
     assert again.provenance.endswith(f"from the network of: {posterior.provenance}")
     recoloured = gonio.train_colours(lights()[:2], materials(), model=model)
     assert recoloured.provenance != model.provenance
@@ -60,9 +60,9 @@ def test_trains_from_folders_and_files(tmp_path):
         gonio.write_image(tmp_path / "lights" / f"{i}.exr", light)
     for name, brdf in materials().items():
         brdf.write(tmp_path / "materials" / f"{name}.binary")
-    by_folder = gonio.train_lighting(tmp_path / "lights", grid=16, turns=2)
-    assert by_folder.data == gonio.train_lighting(lights(), grid=16, turns=2).data
-    basis = gonio.train_reflectance(tmp_path / "materials", rank=2, restarts=2)
+    by_folder = gonio.train_lighting(tmp_path / "lights", grid=16, rotations=2)
+    assert by_folder.data == gonio.train_lighting(lights(), grid=16, rotations=2).data
+    basis = gonio.train_reflectance(tmp_path / "materials", rank=2, starts=2)
     by_folder.write(tmp_path / "light.model")
     model = gonio.train_model(tmp_path / "light.model", basis)
     assert not model.has_posterior
@@ -71,8 +71,8 @@ def test_trains_from_folders_and_files(tmp_path):
 def test_rejects_invalid_training_data(tmp_path):
     with pytest.raises(gonio.GonioError, match="grid 17: must be a power of two from 8 to 512"):
         gonio.train_lighting(lights(), grid=17)
-    with pytest.raises(gonio.GonioError, match="turns 0"):
-        gonio.train_lighting(lights(), turns=0)
+    with pytest.raises(gonio.GonioError, match="rotations 0"):
+        gonio.train_lighting(lights(), rotations=0)
     with pytest.raises(gonio.GonioError, match="the lights: there are no environment maps"):
         gonio.train_lighting([])
     with pytest.raises(gonio.GonioError, match="light 1: a lat-long map must be twice as wide as high"):
@@ -85,6 +85,6 @@ def test_rejects_invalid_training_data(tmp_path):
         gonio.train_reflectance(materials(), rank=4)
     with pytest.raises(gonio.GonioError, match='channel "white"'):
         gonio.train_reflectance(materials(), channel="white")
-    part = gonio.train_lighting(lights(), grid=8, turns=1)
+    part = gonio.train_lighting(lights(), grid=8, rotations=1)
     with pytest.raises(gonio.GonioError, match="the lighting: .*a light prior alone"):
         gonio.train_model(part, part)

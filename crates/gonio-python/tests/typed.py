@@ -24,7 +24,7 @@ def use(image: NDArray[np.float32], path: Path) -> NDArray[np.float32]:
     basis: gonio.BasisPosterior = gonio.infer(image, method="variational", starts=2, grid=16)
     merged: gonio.Merged = gonio.merge(["a.jpg", "b.jpg"], times=[0.1, 0.2])
     looked: gonio.Checked = gonio.check(merged.picture, clip=merged.clip_level)
-    print(draws.shape, low, median, high, basis.coefficients, looked.outlines, found.brdf.peak_to_body, found.to_xarray().sizes)
+    print(draws.shape, low, median, high, basis.coefficients, looked.outlines, found.brdf.peak_height, found.to_xarray().sizes)
     print(table.shape, open_cells.sum(), names, found.result["seconds"])
     found.plot().savefig(path / "figure.png")
     found.save(path)
@@ -34,7 +34,7 @@ def use(image: NDArray[np.float32], path: Path) -> NDArray[np.float32]:
         if isinstance(result, gonio.Failure):
             print(result.name, result.error)
         else:
-            print(result.peak_to_body)
+            print(result.peak_height)
     probe: gonio.LightProbe = gonio.light_probe(image, circle=(60, 60, 50), second=path, reflectance=(0.9, 0.8, 0.5))
     probe.write(path / "probe.exr")
     model: gonio.Model = gonio.train_model(gonio.train_lighting(path), gonio.train_reflectance({"a": found.brdf}))

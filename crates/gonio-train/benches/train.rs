@@ -27,7 +27,7 @@ fn main() {
     });
     let settings = ScenePoolSettings { groups: 1, views: 4, ..ScenePoolSettings::default() };
     let mut rng = Pcg64::seed_from_u64(1);
-    let drawn: Vec<_> = (0..settings.draws).map(|_| dictionary.draw(&settings.prior, &mut rng)).collect();
+    let drawn: Vec<_> = (0..settings.group_materials).map(|_| dictionary.draw(&settings.prior, &mut rng)).collect();
     let tables: Vec<BivariateTable> =
         timed("tables of 120 materials", || drawn.par_iter().map(|m| dictionary.table(m)).collect());
     timed("coordinates of 120 materials", || {

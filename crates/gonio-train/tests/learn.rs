@@ -29,7 +29,7 @@ fn dictionary() -> Dictionary {
 }
 
 fn scene_pool(lights: u32) -> ScenePool {
-    let settings = ScenePoolSettings { groups: 3, views: 1, draws: 12, ..ScenePoolSettings::default() };
+    let settings = ScenePoolSettings { groups: 3, views: 1, group_materials: 12, ..ScenePoolSettings::default() };
     let mut pool = ScenePool::new(dictionary(), (0..lights).map(light).collect(), settings);
     pool.load_groups(0);
     pool
@@ -37,7 +37,7 @@ fn scene_pool(lights: u32) -> ScenePool {
 
 /// A pool in lights that are not those of [`scene_pool`].
 fn other(lights: u32) -> ScenePool {
-    let settings = ScenePoolSettings { groups: 2, views: 1, draws: 12, ..ScenePoolSettings::default() };
+    let settings = ScenePoolSettings { groups: 2, views: 1, group_materials: 12, ..ScenePoolSettings::default() };
     ScenePool::new(dictionary(), (100..100 + lights).map(light).collect(), settings)
 }
 

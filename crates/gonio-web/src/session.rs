@@ -5,11 +5,11 @@ use std::path::Path;
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use glam::Vec3;
-use gonio::estimate::{Colouring, Estimate, EstimateSettings, MaterialEstimate};
+use gonio::estimate::{ColouredMaterial, Colouring, Estimate, EstimateSettings};
 use gonio::model::Model;
 use gonio::picture::{Picture, Plane};
 use gonio::reflectance::MerlTable;
-use gonio::scene::{Circle, Detection, Object, ObservationSettings, SceneError};
+use gonio::scene::{Circle, Detection, ObjectShape, ObservationSettings, SceneError};
 use gonio::suggestion::Suggestion;
 use gonio_app::document::{self, ShapeOrigin};
 use gonio_app::photograph::decode_picture;
@@ -65,7 +65,7 @@ pub struct Session {
     clip: Option<f32>,
     warnings: Vec<String>,
     detection: Option<Detection>,
-    material: Option<MaterialEstimate>,
+    material: Option<ColouredMaterial>,
     /// The last estimate with a light, and its settings.
     estimate: Option<(Estimate, EstimateSettings)>,
 }
@@ -114,7 +114,7 @@ impl Session {
             Some(_) => return Err("an outline consists of a centre and a positive radius".into()),
         };
         let settings = ObservationSettings { clip: self.clip, ..ObservationSettings::default() };
-        let detection = match Detection::of(&self.picture, None, Object::Sphere(circle), &settings) {
+        let detection = match Detection::of(&self.picture, None, ObjectShape::Sphere(circle), &settings) {
             Ok(detection) => detection,
             Err(error) if error.is_of_outline() || error == SceneError::NoOutline => {
                 return Ok(json!({ "why": error.to_string() }));
@@ -141,9 +141,9 @@ impl Session {
     /// If the ball has not been detected yet, or the photograph is black.
     pub fn material(&mut self) -> Result<Value, String> {
         let detection = self.detection.as_ref().ok_or("the ball has not been detected yet")?;
-        let found = MaterialEstimate::of(&self.model, &detection.observations, &EstimateSettings::default())
+        let found = ColouredMaterial::of(&self.model, &detection.observations, &EstimateSettings::default())
             .map_err(|error| self.blamed(&error))?;
-        let MaterialEstimate { material, colouring } = &found;
+        let ColouredMaterial { material, colouring } = &found;
         let field = colouring.field();
         let [dull, glossy] = &material.ends.tables;
         let views = [("estimate", &material.table), ("dull end (5 %)", dull), ("glossy end (95 %)", glossy)]
@@ -202,7 +202,7 @@ impl Session {
     /// # Errors
     /// If the material has not been estimated yet.
     pub fn uncertainty(&self) -> Result<Vec<u8>, String> {
-        let (_, MaterialEstimate { material, .. }) = self.known()?;
+        let (_, ColouredMaterial { material, .. }) = self.known()?;
         let (mean, width) = (uncertainty::mean(&material.table), uncertainty::width(material));
         Ok(uncertainty::svg(&[&mean, &width], true, "Mean and 90 % interval of each cell").into_string().into_bytes())
     }
@@ -212,7 +212,7 @@ impl Session {
     /// # Errors
     /// If its content has not been estimated yet.
     pub fn product(&self, product: Product, seconds: &str) -> Result<Vec<u8>, String> {
-        let (_, MaterialEstimate { material, colouring }) = self.known()?;
+        let (_, ColouredMaterial { material, colouring }) = self.known()?;
         let tables = || colouring.field().tables(&material.table);
         Ok(match product {
             Product::Merl => gonio_io::merl::encode(&MerlTable::from_bivariate(tables().each_ref())),
@@ -251,7 +251,7 @@ impl Session {
         Ok(result::encode(&document))
     }
 
-    fn known(&self) -> Result<(&Detection, &MaterialEstimate), String> {
+    fn known(&self) -> Result<(&Detection, &ColouredMaterial), String> {
         let detection = self.detection.as_ref().ok_or("the ball has not been detected yet")?;
         let material = self.material.as_ref().ok_or("the material has not been estimated yet")?;
         Ok((detection, material))

@@ -6,7 +6,7 @@
 //! use gonio::model::Model;
 //! use gonio::picture::Picture;
 //! use gonio::reflectance::BivariateTable;
-//! use gonio::scene::{Detection, Object, ObservationSettings};
+//! use gonio::scene::{Detection, ObjectShape, ObservationSettings};
 //!
 //! /// Returns the BRDF of a ball (red, green and blue) from a photograph of it. `clip` is the
 //! /// radiance at which the camera clips.
@@ -16,7 +16,7 @@
 //!     clip: Option<f32>,
 //! ) -> Result<[BivariateTable; 3], Box<dyn std::error::Error>> {
 //!     let settings = ObservationSettings { clip, ..ObservationSettings::default() };
-//!     let ball = Detection::of(photograph, None, Object::Sphere(None), &settings)?;
+//!     let ball = Detection::of(photograph, None, ObjectShape::Sphere(None), &settings)?;
 //!     let found = estimate(model, &ball.observations, &EstimateSettings::default(), &|_| ())?;
 //!     found.diagnostics().iter().for_each(|warning| eprintln!("warning: {warning}"));
 //!     Ok(found.brdf())

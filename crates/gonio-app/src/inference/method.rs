@@ -2,7 +2,7 @@
 
 use gonio::estimate::{
     ALBEDO, Alignment, Colouring, Estimate, EstimateError, EstimateSettings, EstimateStage, KnownLightEstimate, Light,
-    Material, estimate_known_light, estimate_with_task,
+    MaterialEstimate, estimate_known_light, estimate_with_task,
 };
 use gonio::lighting::{EnvironmentMap, LightGrid};
 use gonio::reflectance::BivariateTable;
@@ -21,7 +21,7 @@ use crate::{
 pub(crate) struct MethodResult {
     pub(super) table: BivariateTable,
     pub(super) scale: f64,
-    pub(super) material: Option<Material>,
+    pub(super) material: Option<MaterialEstimate>,
     pub(super) light: Option<LightGrid>,
     pub(super) known_light: Option<EnvironmentMap>,
     pub(super) residual: (&'static str, f64),
@@ -54,7 +54,7 @@ pub(crate) fn solve(
             let scale = if known.absolute { found.exposure } else { 1.0 };
             for diagnostic in found.diagnostics() {
                 let aligns =
-                    (known.alignment != Alignment::Around).then(|| settings.method.light_suggestion()).flatten();
+                    (known.alignment != Alignment::Vertical).then(|| settings.method.light_suggestion()).flatten();
                 let suggested = if diagnostic.is_misfit() { suggestions(observed, aligns) } else { Vec::new() };
                 warnings.push(Warning::of(image, diagnostic).with(suggested));
             }
@@ -89,7 +89,7 @@ pub(crate) fn solve(
         (Method::Learnt, _) => {
             let estimate_settings = settings.estimate(*rule);
             let wanted = settings.pictures && settings.report;
-            let fit = |material: &Material, colouring: &Colouring| {
+            let fit = |material: &MaterialEstimate, colouring: &Colouring| {
                 let roughness = Some(material.highlight.roughness());
                 wanted.then(|| Fits::of(&colouring.field().tables(&material.table), roughness, false))
             };

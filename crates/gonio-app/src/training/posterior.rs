@@ -21,7 +21,7 @@ pub struct PosteriorSettings {
     /// Number of views of lights in each group of simulated scenes.
     pub views: usize,
     /// Number of materials in each group.
-    pub draws: usize,
+    pub group_materials: usize,
     /// Number of training steps, each on 128 simulated photographs.
     pub steps: usize,
     /// Interval `n` of the lights that are left out: every n-th light is only tested with. `None`
@@ -37,8 +37,8 @@ pub struct PosteriorSettings {
 impl Default for PosteriorSettings {
     fn default() -> Self {
         let (pool, training) = (ScenePoolSettings::default(), TrainingSettings::default());
-        let (views, draws, steps) = (pool.views, pool.draws, training.steps);
-        Self { channel: Channel::Luminance, views, draws, steps, leave_out: None, initial: None, seed: 1 }
+        let (views, group_materials, steps) = (pool.views, pool.group_materials, training.steps);
+        Self { channel: Channel::Luminance, views, group_materials, steps, leave_out: None, initial: None, seed: 1 }
     }
 }
 
@@ -72,8 +72,8 @@ pub fn posterior(
     resumption: Resumption<'_>,
     progress: Progress<'_>,
 ) -> Result<(LearntPosterior, TrainingLosses, String), TrainingError> {
-    let PosteriorSettings { channel, views, draws, steps, leave_out, ref initial, seed } = *settings;
-    for (name, value) in [("views", views), ("draws", draws), ("steps", steps)] {
+    let PosteriorSettings { channel, views, group_materials, steps, leave_out, ref initial, seed } = *settings;
+    for (name, value) in [("views", views), ("group_materials", group_materials), ("steps", steps)] {
         if value == 0 {
             return Err(TrainingError::Setting(format!("{name} 0: must be at least 1")));
         }
@@ -104,7 +104,7 @@ pub fn posterior(
     let pool_settings = ScenePoolSettings {
         groups: ScenePoolSettings::groups_for(steps),
         views,
-        draws,
+        group_materials,
         seed,
         ..ScenePoolSettings::default()
     };

@@ -3,8 +3,8 @@
 //! Each row becomes the arguments of one `gonio infer` run. Its outcome is stored in its own file
 //! below `rows/`, so that shards can run in parallel and an interrupted run can resume.
 
+mod collect;
 mod manifest;
-mod merge;
 mod shard;
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -22,8 +22,8 @@ use serde_json::json;
 use crate::outcome::Outcome;
 use crate::progress::{self, is_quiet};
 use crate::{Command, help, infer};
+pub(crate) use collect::given_of;
 use manifest::Row;
-pub(crate) use merge::given_of;
 use shard::Shard;
 
 /// Folder of the rows' outcomes, within the folder of results.
@@ -41,17 +41,17 @@ pub(crate) struct BatchOptions {
     /// has the column "image"; separate exposures of one scene by semicolons. Optional columns are
     /// "name", which is the name of the result folder, and the long options of gonio infer (mask,
     /// normals, light-color, …). Paths are relative to the table; cells may be empty.
-    #[arg(required_unless_present = "merge", value_name = "IMAGE|TABLE")]
+    #[arg(required_unless_present = "collect", value_name = "IMAGE|TABLE")]
     input: Vec<PathBuf>,
     /// Folder for the result folders of all photographs, batch.csv and compare.html
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
     /// Process every N-th row, starting with row I [default: from the Slurm array task]
-    #[arg(long, value_name = "I/N", value_parser = shard::parse, conflicts_with = "merge")]
+    #[arg(long, value_name = "I/N", value_parser = shard::parse, conflicts_with = "collect")]
     shard: Option<Shard>,
-    /// Do not infer; merge the results of all shards into batch.csv and compare.html
+    /// Do not infer; collect the results of all shards in batch.csv and compare.html
     #[arg(long)]
-    merge: bool,
+    collect: bool,
     /// Do not write compare.html
     ///
     /// Setting GONIO_NO_REPORT=1 has the same effect, and also disables report.html of each row.
@@ -78,8 +78,8 @@ pub(crate) fn run(options: &BatchOptions) -> Result<Outcome> {
         [table] if !help::is_picture(table) => Some(manifest::read(table, &options.output)?),
         images => Some(manifest::of_images(images, &options.output)?),
     };
-    if options.merge {
-        return merge::merge(&options.output, rows.as_deref(), !options.no_report);
+    if options.collect {
+        return collect::collect(&options.output, rows.as_deref(), !options.no_report);
     }
     let rows = rows.context("no photographs or table specified")?;
     let shard = options.shard.map_or_else(shard::of_slurm, |shard| Ok(Some(shard)))?;
@@ -95,9 +95,9 @@ pub(crate) fn run(options: &BatchOptions) -> Result<Outcome> {
     let open: Vec<(usize, &Row)> = own.iter().copied().enumerate().filter(is_open).collect();
     let skipped = own.len() - open.len();
     let failed = infer_rows(&open, own.len(), &options.output)?;
-    // `--merge` writes the table of a sharded batch.
+    // `--collect` writes the table of a sharded batch.
     let warnings = match shard {
-        None => merge::merge(&options.output, Some(&rows), !options.no_report)?.warnings,
+        None => collect::collect(&options.output, Some(&rows), !options.no_report)?.warnings,
         Some(_) => Vec::new(),
     };
     let output = options.output.display().to_string();

@@ -54,15 +54,16 @@ pub(crate) struct SceneOptions {
     /// region.
     #[arg(long, value_name = "LABELS", help_heading = FINDING)]
     pub(crate) regions: Option<PathBuf>,
-    /// Also use pixels of another colour or of a second paint, and small spots such as dust
+    /// Treat the whole object as one material
     ///
-    /// By default, gonio ignores those that it can distinguish from reflections.
+    /// By default, gonio ignores other paints, stickers and small spots such as dust, if it can
+    /// distinguish them from reflections.
     #[arg(long, help_heading = FINDING)]
-    keep_colors: bool,
-    /// Estimate although the photograph contradicts the shape or the light
+    one_material: bool,
+    /// Write the estimate even if the photograph contradicts the shape or the light
     ///
     /// By default, gonio stops with an error if the silhouette of the mesh is not that of the
-    /// object, or if the relative RMS residual of the photograph exceeds 50 %.
+    /// object, or if the misfit (relative RMS residual) exceeds 50 %.
     #[arg(long, help_heading = FINDING)]
     force: bool,
     /// Shape of the object; gonio fits it to the outline
@@ -137,7 +138,7 @@ impl SceneOptions {
             reading: self.reading.reading(),
             clip: self.clip,
             mask: self.mask.clone().map(Source::File),
-            keep_colours: self.keep_colors,
+            keep_colours: self.one_material,
             force: self.force,
             shape: self.shape(),
             reference: self.reference.reference(),
@@ -165,8 +166,8 @@ impl SceneOptions {
                 bail!("--mask and several --circle options both define the balls; use only one of them");
             }
         }
-        if self.keep_colors && self.regions().is_some() {
-            bail!("--keep-colors applies to photographs of one material; with regions, gonio uses all colours");
+        if self.one_material && self.regions().is_some() {
+            bail!("--one-material applies to photographs of one material; with regions, gonio uses all colours");
         }
         Ok(())
     }

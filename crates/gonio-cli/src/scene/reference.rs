@@ -26,8 +26,8 @@ pub(super) struct ReferenceOptions {
     grey_card: Option<PathBuf>,
     /// Matte grey ball in the photograph: a disk, in pixels from the top left corner
     ///
-    /// The ball determines the same quantities as --white. It shows the light on all visible
-    /// normals, and a patch only the light on one.
+    /// The ball determines the same quantities as --white. It samples the light for all
+    /// visible normals; a patch samples it for one.
     #[arg(long, alias = "gray-ball", value_name = "X,Y,RADIUS", value_parser = parse_circle,
           conflicts_with_all = ["white", "grey_card", "color_checker"])]
     grey_ball: Option<Circle>,
@@ -45,8 +45,8 @@ pub(super) struct ReferenceOptions {
     reference_reflectance: Option<f64>,
     /// Use the colour of the reference, but not its brightness
     ///
-    /// Use this option if the reference does not face the camera, or if another light illuminates
-    /// it than the object.
+    /// Use this option if the reference does not face the camera, or is not under the same light
+    /// as the object.
     #[arg(long)]
     reference_color_only: bool,
 }

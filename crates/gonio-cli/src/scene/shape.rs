@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use gonio::scene::Correction;
 use gonio::shape::DepthKind;
-use gonio_app::{NormalMap, PositionSource, Shape, ShapeKind, Source};
+use gonio_app::{NormalSource, PositionSource, Shape, ShapeKind, Source};
 
 use super::SceneOptions;
 use crate::input::numbers;
@@ -51,7 +51,10 @@ pub(super) struct NormalOptions {
     /// The format is EXR, NPY or 16-bit PNG.
     #[arg(long, value_name = "FILE", requires = "normals", conflicts_with = "positions")]
     depth: Option<PathBuf>,
-    /// Depths of the codes 0 and 65535 of a 16-bit depth map
+    /// Depths at the ends of the code range of a 16-bit depth map
+    ///
+    /// gonio interpolates linearly between code 0 (NEAR) and code 65535 (FAR). Pixels with exactly
+    /// one of these two codes have no surface.
     #[arg(long, value_name = "NEAR,FAR", requires = "depth", value_parser = parse_range, allow_hyphen_values = true)]
     depth_range: Option<(f64, f64)>,
     /// Depths are distances along the viewing rays, not along the optical axis
@@ -92,10 +95,10 @@ impl NormalOptions {
         [&self.depth, &self.positions]
     }
 
-    fn normals(&self, picture: PathBuf) -> NormalMap {
+    fn normals(&self, picture: PathBuf) -> NormalSource {
         let kind = if self.depth_along_rays { DepthKind::AlongRay } else { DepthKind::AlongAxis };
         let depth = self.depth.clone().map(|path| PositionSource::Depth(Source::File(path), self.depth_range, kind));
-        NormalMap {
+        NormalSource {
             picture: Source::File(picture),
             correction: Correction {
                 order: self.normals_order.0,

@@ -76,9 +76,9 @@ fn the_slurm_example_runs() {
         assert!(status.success());
         assert!(!bench.path("out/batch.csv").exists());
     }
-    let run = bench.run("batch --merge photos/list.csv -o out").succeeds();
+    let run = bench.run("batch --collect photos/list.csv -o out").succeeds();
     assert!(run.stdout.contains("3 done, 0 failed, 0 missing"), "{run:?}");
-    bench.run("batch --merge -o out").succeeds();
+    bench.run("batch --collect -o out").succeeds();
     assert_eq!(column(&bench, 0), ["one", "three", "two"]);
 }
 
@@ -106,9 +106,9 @@ fn rejects_invalid_tables() {
     assert!(run.code != Some(0) && format!("{run:?}").contains("none.png: cannot open"), "{run:?}");
     bench.refuses("batch none.csv -o x", &["none.csv: cannot open"]);
     bench.refuses("batch photos/list.csv -o x --shard 4/3", &["--shard"]);
-    bench.refuses("batch --merge -o x", &["x/rows: cannot list"]);
+    bench.refuses("batch --collect -o x", &["x/rows: cannot list"]);
     std::fs::create_dir_all(bench.path("x/rows")).unwrap();
-    bench.refuses("batch --merge -o x", &["x: contains no results of gonio batch"]);
+    bench.refuses("batch --collect -o x", &["x: contains no results of gonio batch"]);
     assert!(!bench.path("x/batch.csv").exists());
     bench.refuses("batch -o x", &["<IMAGE|TABLE>"]);
 }

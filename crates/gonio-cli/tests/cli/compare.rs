@@ -21,7 +21,7 @@ fn page(bench: &Bench, name: &str) -> String {
 
 /// Sets the interval of the peak far above that of the ball.
 fn polished(notes: &mut Value) {
-    notes["posterior"]["highlight"]["peak_to_body"] = json!({ "5": 1e6, "50": 2e6, "95": 3e6, "factor": 3 });
+    notes["posterior"]["highlight"]["peak_height"] = json!({ "5": 1e6, "50": 2e6, "95": 3e6, "factor": 3 });
 }
 
 #[test]
@@ -155,7 +155,7 @@ fn batch_writes_and_updates_a_page_of_all_rows() {
     bench.write("list.csv", b"name,image,grid\na b,ball.exr,8\nbad,none.exr,8\nc,ball.exr,4\n");
     assert_eq!(bench.run("batch list.csv -o out").code, Some(2));
     assert!(!bench.path("out/compare.html").exists(), "pages are disabled");
-    bench.run_with("batch list.csv -o out --merge", &WITH_PAGES).succeeds();
+    bench.run_with("batch list.csv -o out --collect", &WITH_PAGES).succeeds();
     let first = page(&bench, "out/compare.html");
     assert!(first.contains("Comparison of 3 results") && first.contains("1 of 3 results are missing"));
     assert!(first.contains("No result: </strong>none.exr: ") && first.contains("a b and c "));

@@ -64,12 +64,12 @@ fn detects_a_ball_on_a_texture_and_reports_the_confidence() {
     let bench = Bench::new();
     bench.write("ball.exr", &exr_of(photograph(&[(120, 50)], texture)));
     let run = bench.run("infer ball.exr -o out --grid 8").succeeds();
-    assert!(run.stdout.contains("ball detected by its edges, which cover "), "{run:?}");
+    assert!(run.stdout.contains("ball detected by its edges, along "), "{run:?}");
     let observations = &bench.json("out/result.json")["observations"];
     assert_near(circle_of(observations), [222.0, 152.0, 100.0]);
     assert!(observations["detection"]["support"].as_f64().unwrap() > 0.6, "{observations}");
     let run = bench.run("check ball.exr").succeeds();
-    assert!(run.stdout.contains("detected by its edges, which cover "), "{run:?}");
+    assert!(run.stdout.contains("detected by its edges, along "), "{run:?}");
     // On a plain background, the detection does not use edges.
     bench.write("plain.exr", &exr_of(photograph(&[(120, 50)], |_, _| Vec3::splat(0.05))));
     let run = bench.run("check plain.exr --json").succeeds();

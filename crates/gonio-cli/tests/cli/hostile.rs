@@ -23,7 +23,7 @@ fn batch_table_contains_no_formulas() {
     let mut result = bench.json("out/one/result.json");
     result["posterior"]["materials"][0]["name"] = "@SUM(1+1)*cmd|' /C calc'!A0".into();
     bench.write("out/one/result.json", result.to_string().as_bytes());
-    bench.run("batch list.csv -o out --merge").succeeds();
+    bench.run("batch list.csv -o out --collect").succeeds();
     let table = String::from_utf8(bench.read("out/batch.csv")).unwrap();
     assert!(table.contains("\n'=1+1,failed,") && table.contains(",'@SUM(1+1)*cmd|"), "{table}");
     assert!(table.contains(",'=none.exr: "), "{table}");
@@ -36,9 +36,9 @@ fn limits_the_size_of_result_files() {
     // Sparse files of 8 TiB, and JSON with too many levels.
     let vast = |name: &str| File::create(bench.path(name)).unwrap().set_len(1 << 43).unwrap();
     vast("out/ball/result.json");
-    bench.run("batch -o out --merge").succeeds();
+    bench.run("batch -o out --collect").succeeds();
     vast("out/rows/ball.json");
-    bench.run("batch -o out --merge").succeeds();
+    bench.run("batch -o out --collect").succeeds();
     assert!(String::from_utf8(bench.read("out/batch.csv")).unwrap().contains("ball,missing"));
     vast("out/ball/posterior.json");
     bench.run("combine out/ball out/ball -o both").fails(&["posterior.json: is larger than"]);

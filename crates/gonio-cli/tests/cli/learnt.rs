@@ -36,7 +36,7 @@ fn reports_the_posterior_of_materials() {
         assert!(posterior[share].as_f64().is_some_and(|x| (0.0..=1.0).contains(&x)), "{posterior}");
     }
     assert!(posterior["filled_cells"].as_u64().unwrap() < posterior["disk_cells"].as_u64().unwrap());
-    for measure in ["roughness", "peak_to_body"] {
+    for measure in ["roughness", "peak_height"] {
         let [low, median, high] = ["5", "50", "95"].map(|q| posterior["highlight"][measure][q].as_f64().unwrap());
         assert!(0.0 < low && low <= median && median <= high, "{measure}: {low} {median} {high}");
     }

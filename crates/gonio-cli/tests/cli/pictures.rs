@@ -96,10 +96,10 @@ fn estimates_the_first_of_two_paints() {
     bench.write("striped.exr", &exr(&picture(0.15)));
     bench.write("plain.exr", &exr(&picture(0.6)));
     let peak = |folder: &str| {
-        bench.json(&format!("{folder}/result.json"))["posterior"]["highlight"]["peak_to_body"]["50"].as_f64().unwrap()
+        bench.json(&format!("{folder}/result.json"))["posterior"]["highlight"]["peak_height"]["50"].as_f64().unwrap()
     };
     let run = bench.run("infer striped.exr -o out --grid 8").succeeds();
-    assert!(run.stderr.contains("two paints") && run.stderr.contains("--keep-colors"), "{run:?}");
+    assert!(run.stderr.contains("two paints") && run.stderr.contains("--one-material"), "{run:?}");
     let ratio = bench.json("out/result.json")["observations"]["report"]["pattern_ratio"].as_f64().unwrap();
     // Which paint covers more is a matter of a few pixels.
     assert!((ratio.ln().abs() - 4.0_f64.ln()).abs() < 0.1, "{ratio}");
@@ -110,7 +110,7 @@ fn estimates_the_first_of_two_paints() {
     let (mut low, mut high) = (f32::MAX, 0.0_f32);
     (size / 4..3 * size / 4).for_each(|y| (low, high) = (low.min(stripes(y)), high.max(stripes(y))));
     assert!((low == 1.0 || high == 1.0) && (high / low / 4.0 - 1.0).abs() < 0.1, "{low} {high}");
-    let kept = bench.run("infer striped.exr -o kept --grid 8 --keep-colors").succeeds();
+    let kept = bench.run("infer striped.exr -o kept --grid 8 --one-material").succeeds();
     assert!(!kept.stderr.contains("two paints"), "{kept:?}");
     assert!(!bench.run("infer plain.exr -o plain --grid 8").succeeds().stderr.contains("paint"));
     assert!(!bench.path("plain/albedo.exr").exists());
@@ -137,12 +137,12 @@ fn ignores_paint_unless_colours_are_kept() {
     let alpha = inside.map(|n| if *n == Vec3::ZERO { 0.0 } else { 1.0 });
     bench.write("painted.exr", &exr(&Picture { rgb, alpha: Some(alpha) }));
     let run = bench.run_with_pictures("infer painted.exr -o out --grid 8").succeeds();
-    assert!(run.stderr.contains("have another colour") && run.stderr.contains("--keep-colors"), "{run:?}");
+    assert!(run.stderr.contains("have another colour") && run.stderr.contains("--one-material"), "{run:?}");
     let report = bench.json("out/result.json")["observations"]["report"].clone();
     let (lost, points) = (report["other_colour"].as_f64().unwrap(), report["points"].as_f64().unwrap());
     assert!((0.02..0.1).contains(&(lost / points)), "{report}");
     assert!(bench.path("out/used.png").exists());
-    let kept = bench.run_with_pictures("infer painted.exr -o kept --grid 8 --keep-colors").succeeds();
+    let kept = bench.run_with_pictures("infer painted.exr -o kept --grid 8 --one-material").succeeds();
     assert!(!kept.stderr.contains("another colour") && !bench.path("kept/used.png").exists(), "{kept:?}");
 }
 
@@ -168,8 +168,8 @@ fn dust_does_not_make_a_satin_ball_glossy() {
         result["posterior"]["highlight"]["roughness"]["50"].as_f64().unwrap()
     };
     let run = bench.run("infer dusty.exr -o out --grid 8").succeeds();
-    assert!(run.stderr.contains("small spots") && run.stderr.contains("--keep-colors"), "{run:?}");
+    assert!(run.stderr.contains("small spots") && run.stderr.contains("--one-material"), "{run:?}");
     assert!((0.34..0.5).contains(&roughness("out")), "{}", roughness("out"));
-    let kept = bench.run("infer dusty.exr -o kept --grid 8 --keep-colors").succeeds();
+    let kept = bench.run("infer dusty.exr -o kept --grid 8 --one-material").succeeds();
     assert!(!kept.stderr.contains("small spots") && roughness("kept") < 0.25, "{} {kept:?}", roughness("kept"));
 }

@@ -178,7 +178,7 @@ fn rejects_unusable_references() {
     for (options, message) in [
         ("white.exr --white 300,25,12", &["white.exr: ", "outside the image of 88x68"][..]),
         ("white.exr --white 24,24,12", &["lie on the object"]),
-        ("white.exr --white 68,25,2", &["usable pixels, 25 are required"]),
+        ("white.exr --white 68,25,2", &["usable pixels, but at least 25 are required"]),
         ("white.exr --white 80,25,7", &["not uniform"]),
         ("clipped.exr --white 68,25,12", &["are clipped; reduce the exposure", "--clip"]),
         ("chart.exr --grey-ball 94,34,25", &["not a matte ball: its shading deviates by"]),

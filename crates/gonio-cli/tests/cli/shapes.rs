@@ -206,7 +206,7 @@ fn inflates_outlines() {
     let found = || {
         let result = bench.json("out/result.json");
         (
-            result["posterior"]["highlight"]["peak_to_body"]["50"].as_f64().unwrap(),
+            result["posterior"]["highlight"]["peak_height"]["50"].as_f64().unwrap(),
             result["observations"]["shape"].clone(),
         )
     };

@@ -34,8 +34,8 @@ fn trains_joins_and_uses_a_model() {
     let bench = Bench::with_ball();
     lights(&bench);
     materials(&bench);
-    bench.run("train lighting lights -o light.model --grid 16 --turns 2").succeeds();
-    bench.run("train reflectance materials -o brdf.model --rank 2 --restarts 2").succeeds();
+    bench.run("train lighting lights -o light.model --grid 16 --rotations 2").succeeds();
+    bench.run("train reflectance materials -o brdf.model --rank 2 --starts 2").succeeds();
     let run = bench.run("train model --lighting light.model --reflectance brdf.model -o joined.model").succeeds();
     assert!(run.stdout.contains("3 maps") && run.stdout.contains("3 materials"), "{run:?}");
     let model = gonio_io::model::read_model(bench.path("joined.model")).unwrap();
@@ -71,17 +71,17 @@ fn trains_joins_and_uses_a_model() {
 fn rejects_unsuitable_lights() {
     let bench = Bench::new();
     std::fs::create_dir(bench.path("empty")).unwrap();
-    let line = |rest: &str| format!("train lighting -o x.model --turns 2 {rest}");
+    let line = |rest: &str| format!("train lighting -o x.model --rotations 2 {rest}");
     bench.refuses(&line("empty"), &["empty: contains no .hdr"]);
     bench.refuses(&line("none"), &["none: cannot list"]);
     bench.write("file", b"x");
     bench.refuses(&line("file"), &["file: cannot list"]);
     lights(&bench);
     bench.refuses(&line("lights --grid 17"), &["--grid 17"]);
-    bench.refuses(&line("lights --turns 0"), &["--turns"]);
+    bench.refuses(&line("lights --rotations 0"), &["--rotations"]);
     bench.refuses(&line("lights --grid 8 --cap 0.5"), &["--cap: must be above 1"]);
     bench.run(&line("lights --grid 8 --cap 30")).succeeds();
-    bench.refuses("train lighting lights -o none/x.model --grid 8 --turns 1", &["none/x.model"]);
+    bench.refuses("train lighting lights -o none/x.model --grid 8 --rotations 1", &["none/x.model"]);
     let good = bench.read("lights/1.hdr");
     bench.write("lights/1.hdr", &good[..good.len() / 2]);
     bench.refuses(&line("lights --grid 8"), &["lights/1.hdr"]);
@@ -97,7 +97,7 @@ fn rejects_unsuitable_lights() {
 fn rejects_unsuitable_materials() {
     let bench = Bench::new();
     std::fs::create_dir(bench.path("empty")).unwrap();
-    let line = |rest: &str| format!("train reflectance -o x.model --restarts 1 {rest}");
+    let line = |rest: &str| format!("train reflectance -o x.model --starts 1 {rest}");
     bench.refuses(&line("empty"), &["empty: "]);
     bench.refuses(&line("none"), &["none: "]);
     materials(&bench);
@@ -106,7 +106,7 @@ fn rejects_unsuitable_materials() {
         &["--rank 4", "must be from 1 to 3, the number of materials in materials"],
     );
     bench.refuses(&line("materials --rank 0"), &["--rank 0"]);
-    bench.refuses("train reflectance materials -o x.model --rank 2 --restarts 0", &["--restarts 0"]);
+    bench.refuses("train reflectance materials -o x.model --rank 2 --starts 0", &["--starts 0"]);
     let good = bench.read("materials/satin.binary");
     bench.write("materials/satin.binary", &good[..1000]);
     bench.refuses(&line("materials --rank 2"), &["materials/satin.binary: is truncated"]);

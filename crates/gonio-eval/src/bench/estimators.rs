@@ -246,7 +246,7 @@ fn known_light(photograph: &Photograph<'_>, turned: bool) -> Result<Estimate> {
     let (light, mut found) = if turned {
         let turn = DQuat::from_axis_angle(DVec3::new(1.0, 2.0, 1.0).normalize(), 5_f64.to_radians());
         let light = KnownLight::of_map(&map.rotated(turn));
-        let found = KnownLightPosterior::of(&rows, light.clone(), Alignment::Near, &materials)?;
+        let found = KnownLightPosterior::of(&rows, light.clone(), Alignment::Small, &materials)?;
         (light, found)
     } else {
         (KnownLight::of_map(map), KnownLightPosterior::under(operator, &rows, &materials)?)

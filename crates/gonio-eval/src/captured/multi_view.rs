@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use anyhow::{Context, Result};
-use gonio::estimate::Material;
+use gonio::estimate::MaterialEstimate;
 use gonio::model::Model;
 use gonio::reflectance::BivariateTable;
 
@@ -34,7 +34,7 @@ impl MultiViewErrors {
     ///
     /// # Errors
     /// If an estimate has no quantiles.
-    pub(super) fn of(object: &str, cells: &[Cell], model: &Model, ones: &[&Material]) -> Result<Self> {
+    pub(super) fn of(object: &str, cells: &[Cell], model: &Model, ones: &[&MaterialEstimate]) -> Result<Self> {
         let (mut joint, mut refused) = (Vec::new(), 0);
         for count in 1..=ones.len() {
             let mut of_count = Vec::new();
@@ -51,7 +51,7 @@ impl MultiViewErrors {
 }
 
 impl CombinedErrors {
-    fn of(material: &Material, cells: &[Cell]) -> Result<Self> {
+    fn of(material: &MaterialEstimate, cells: &[Cell]) -> Result<Self> {
         let quantiles = quantiles(material)?;
         let width = |c: &Cell| {
             let [low, .., high] = &quantiles;
@@ -69,7 +69,7 @@ impl CombinedErrors {
 ///
 /// # Errors
 /// If the material does not have four quantiles.
-pub(super) fn quantiles(material: &Material) -> Result<[BivariateTable; 4]> {
+pub(super) fn quantiles(material: &MaterialEstimate) -> Result<[BivariateTable; 4]> {
     let tables: Vec<BivariateTable> =
         material.quantiles.iter().map(|values| BivariateTable::from_vec(values.clone())).collect();
     tables.try_into().ok().context("the estimate lacks the four quantiles for the coverage")
@@ -104,7 +104,7 @@ pub(super) fn markdown(all: &[MultiViewErrors]) -> String {
 
 #[cfg(test)]
 mod tests {
-    use gonio::scene::{Detection, Object, ObservationSettings};
+    use gonio::scene::{Detection, ObjectShape, ObservationSettings};
 
     use super::super::planted;
     use super::*;
@@ -115,8 +115,9 @@ mod tests {
         let model = gonio_io::model::embedded().unwrap();
         let ball = planted::ball(&BivariateTable::from_fn(|h, _| 0.2 + 2.0 * (-(h / 0.2).powi(2)).exp()));
         let picture = &ball.photographs[0].picture;
-        let detection = Detection::of(picture, None, Object::Sphere(None), &ObservationSettings::default()).unwrap();
-        let one = Material::of(&model, &detection.observations, 16).unwrap();
+        let detection =
+            Detection::of(picture, None, ObjectShape::Sphere(None), &ObservationSettings::default()).unwrap();
+        let one = MaterialEstimate::of(&model, &detection.observations, 16).unwrap();
         let several = MultiViewErrors::of("ball", &ball.slice.judged(), &model, &[&one, &one, &one]).unwrap();
         assert_eq!(several.refused, 0);
         let widths: Vec<f64> = several.joint.iter().map(|joint| joint[0].width).collect();

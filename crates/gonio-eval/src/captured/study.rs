@@ -5,11 +5,12 @@ use std::time::Instant;
 
 use anyhow::{Result, bail};
 use gonio::estimate::{
-    Alignment, Colouring, ColouringRule, Diagnostic, Estimate, KnownLightEstimate, Material, estimate_known_light,
+    Alignment, Colouring, ColouringRule, Diagnostic, Estimate, KnownLightEstimate, MaterialEstimate,
+    estimate_known_light,
 };
 use gonio::model::Model;
 use gonio::reflectance::BivariateTable;
-use gonio::scene::{Detection, NormalPicture, Object, ObservationSettings};
+use gonio::scene::{Detection, NormalMap, ObjectShape, ObservationSettings};
 use serde::Serialize;
 
 use super::colour::RgbErrors;
@@ -80,7 +81,7 @@ pub(super) struct EstimateInputs {
 /// A record and the estimated material.
 pub(super) struct EvaluatedEstimate {
     pub(super) record: Record,
-    pub(super) material: Material,
+    pub(super) material: MaterialEstimate,
 }
 
 /// An object, and the errors of three references: Lambertian, measured slice, and its profile.
@@ -154,7 +155,7 @@ impl<'a> ObjectEvaluation<'a> {
     /// # Errors
     /// If an estimate has no quantiles.
     pub(super) fn several(&self, model: &Model, estimates: &[EvaluatedEstimate]) -> Result<MultiViewErrors> {
-        let ones: Vec<&Material> = estimates.iter().map(|estimate| &estimate.material).collect();
+        let ones: Vec<&MaterialEstimate> = estimates.iter().map(|estimate| &estimate.material).collect();
         MultiViewErrors::of(&self.object.name, &self.cells, model, &ones)
     }
 
@@ -190,7 +191,7 @@ impl<'a> ObjectEvaluation<'a> {
 
 /// An estimate and its diagnostics.
 struct ObjectEstimate {
-    material: Material,
+    material: MaterialEstimate,
     misfit: f64,
     diagnostics: Vec<Diagnostic>,
     colouring: Colouring,
@@ -202,11 +203,11 @@ struct ObjectEstimate {
 /// `--normals normal.exr` or `--shape outline`, and `--light`.
 fn estimate(object: &Captured, photograph: usize, model: &Model, given: EstimateInputs) -> Result<ObjectEstimate> {
     let normals =
-        || NormalPicture { normals: object.normals.clone(), camera: None, relief: None, trusted: false, error: 0.0 };
+        || NormalMap { normals: object.normals.clone(), camera: None, positions: None, trusted: false, error: 0.0 };
     let mut detection = Detection::of(
         &object.photographs[photograph].picture,
         Some(object.mask.clone()),
-        if given.normals { Object::Normals(Arc::new(normals())) } else { Object::Outline },
+        if given.normals { ObjectShape::Normals(Arc::new(normals())) } else { ObjectShape::Outline },
         &ObservationSettings::default(),
     )?;
     let median = |detection: &Detection, table: &BivariateTable| {
@@ -214,7 +215,7 @@ fn estimate(object: &Captured, photograph: usize, model: &Model, given: Estimate
     };
     if given.light {
         let map = map_of(&object.photographs[photograph].lights)?;
-        let given = (&map, Alignment::Near);
+        let given = (&map, Alignment::Small);
         let found = estimate_known_light(model, &detection.observations, given, &ColouringRule::default(), &|_| ())?;
         let (diagnostics, median) = (found.diagnostics(), median(&detection, &found.material.table));
         let KnownLightEstimate { material, misfit, colouring, .. } = found;
@@ -227,7 +228,7 @@ fn estimate(object: &Captured, photograph: usize, model: &Model, given: Estimate
 }
 
 /// Computes the 5, 50 and 95 % quantiles of [`errors::gloss`] under the posterior.
-fn gloss_quantiles(material: &Material, cells: &[Cell]) -> [f64; 3] {
+fn gloss_quantiles(material: &MaterialEstimate, cells: &[Cell]) -> [f64; 3] {
     let number = |table: &BivariateTable| errors::gloss(cells, &|h, d| table.eval(h, d));
     let quantiles = material.posterior.ranking(number).quantiles(&[0.05, 0.5, 0.95]);
     [quantiles[0], quantiles[1], quantiles[2]]

@@ -4,7 +4,7 @@ use anyhow::Result;
 use clap::ValueEnum;
 use glam::Vec3;
 use gonio::colour::{Chroma, ChromaField};
-use gonio::estimate::{Alignment, Colouring, ColouringRule, Material, estimate_known_light};
+use gonio::estimate::{Alignment, Colouring, ColouringRule, MaterialEstimate, estimate_known_light};
 use gonio::lighting::EnvironmentMap;
 use gonio::model::Model;
 use gonio::reflectance::BivariateTable;
@@ -62,7 +62,7 @@ pub(super) struct Found {
 impl ColourEstimator {
     /// Returns the material and its colours by the default method, and whether they have a warning.
     /// Estimators other than blind, light colour and known light have the median colour.
-    pub(crate) fn posterior(self, photograph: &Photograph<'_>) -> Result<(Material, Colouring, bool)> {
+    pub(crate) fn posterior(self, photograph: &Photograph<'_>) -> Result<(MaterialEstimate, Colouring, bool)> {
         let Photograph { model, observations, light, light_chroma, .. } = photograph;
         if self == Self::KnownLight {
             let rule = ColouringRule::default();
@@ -70,7 +70,7 @@ impl ColourEstimator {
             let warned = !found.diagnostics().is_empty();
             return Ok((found.material, found.colouring, warned));
         }
-        let material = Material::of(model, observations, GRID_SIDE)?;
+        let material = MaterialEstimate::of(model, observations, GRID_SIDE)?;
         let rule = match self {
             Self::Blind => ColouringRule::default(),
             Self::LightColour => ColouringRule::Estimate { light: Some(*light_chroma) },
@@ -84,7 +84,7 @@ impl ColourEstimator {
     /// Estimates the channels.
     pub(super) fn estimate(self, photograph: &Photograph<'_>) -> Result<Found> {
         let Photograph { model, observations, light, truth, .. } = photograph;
-        let luminance = || Material::of(model, observations, GRID_SIDE);
+        let luminance = || MaterialEstimate::of(model, observations, GRID_SIDE);
         let lit = |observations: &Observations, light: &EnvironmentMap, rule: &ColouringRule| {
             estimate_known_light(model, observations, (light, Alignment::Fixed), rule, &|_| ())
         };
@@ -98,7 +98,7 @@ impl ColourEstimator {
                 let channel = |c: usize| -> Result<BivariateTable> {
                     let alone = only(observations, c);
                     let mean = alone.values.iter().flatten().sum::<f64>();
-                    Ok(Material::of(model, &alone, GRID_SIDE)?.table.scaled(mean))
+                    Ok(MaterialEstimate::of(model, &alone, GRID_SIDE)?.table.scaled(mean))
                 };
                 Found::tables([channel(0)?, channel(1)?, channel(2)?])
             }
@@ -139,7 +139,7 @@ impl Found {
         Self::tables(field.tables(table))
     }
 
-    fn of(material: &Material, colouring: &Colouring, warned: bool) -> Self {
+    fn of(material: &MaterialEstimate, colouring: &Colouring, warned: bool) -> Self {
         let body = match colouring {
             Colouring::Estimate(found) => Some(found.body.interval),
             _ => None,

@@ -8,7 +8,7 @@ use glam::DVec3;
 use gonio::appearance::DiskImage;
 use gonio::appearance::disk::{DISK_SIDE, normal, on_disk};
 use gonio::estimate::EstimateSettings;
-use gonio::inference::learnt::{MaterialPosterior, peak_to_body};
+use gonio::inference::learnt::{MaterialPosterior, peak_height};
 use gonio::inference::light::LightProblem;
 use gonio::lighting::LightPrior;
 use gonio::shape::SurfacePoint;
@@ -48,7 +48,7 @@ impl LightMisfit {
             square(&mut seen.iter().map(|&c| f64::from(image.scatter * image.values[c] / image.counts[c].sqrt())));
         let all = square(&mut values.iter().flatten().copied());
         Ok(Self {
-            gloss: posterior.ranking(peak_to_body).quantiles(&[0.5])[0].ln(),
+            gloss: posterior.ranking(peak_height).quantiles(&[0.5])[0].ln(),
             misfit: (problem.misfit(&radiance).powi(2) - noise / all).max(0.0).sqrt(),
         })
     }

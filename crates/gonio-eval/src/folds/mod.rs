@@ -12,7 +12,7 @@ use anyhow::{Result, bail};
 use clap::Args;
 use glam::DQuat;
 use gonio::appearance::Lattice;
-use gonio::inference::learnt::{LearntPosterior, MaterialPosterior, peak_to_body};
+use gonio::inference::learnt::{LearntPosterior, MaterialPosterior, peak_height};
 use gonio::lighting::LightPrior;
 use gonio::reflectance::{BivariateTable, MaterialKind, Prior};
 use gonio::render::Relighter;
@@ -241,8 +241,8 @@ impl Test {
         let truth = &self.tables[material];
         let quantiles = posterior.quantiles(&[0.05, 0.25, 0.75, 0.95]).try_into().expect("four shares");
         outcome.coverage = Some(coverage(&posterior.mean, &quantiles, truth));
-        let ends = posterior.ranking(peak_to_body).quantiles(&[0.05, 0.95]);
-        outcome.held = Some((ends[0]..=ends[1]).contains(&peak_to_body(truth)));
+        let ends = posterior.ranking(peak_height).quantiles(&[0.05, 0.95]);
+        outcome.held = Some((ends[0]..=ends[1]).contains(&peak_height(truth)));
     }
 }
 

@@ -37,7 +37,7 @@ impl Place {
         let output = self.at(output);
         let mut command = self.command(&["bench", "-o"]);
         command.arg(output).args(["--grid", "8", "--rank", "3", "--rows", "60", "--normals", "700", "--size", "24"]);
-        command.args(["--views", "1", "--draws", "8", "--steps", "4", "--batch", "16"]);
+        command.args(["--views", "1", "--group-materials", "8", "--steps", "4", "--batch", "16"]);
         command.args(["--entries", "100", "--dimensions", "8", "--candidates", "400"]);
         command.args(["--relight", "l2,l3", "--lights", "l0,l1", "--materials", "m2,m4,m7"]).args(more);
         command

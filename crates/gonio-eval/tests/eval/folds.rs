@@ -11,7 +11,7 @@ fn errors_cover_the_left_out_materials_and_kinds() {
         "2",
         "--views",
         "1",
-        "--draws",
+        "--group-materials",
         "8",
         "--steps",
         "4",

@@ -23,10 +23,10 @@ const SIZE: usize = 256;
 /// `gonio::render::SphereSettings`.
 const HALF_WIDTH: f64 = 0.5 * SIZE as f64 / (0.5 * SIZE as f64 - 2.0);
 
-/// Relight error above which a model does not represent a BRDF.
+/// Fit error above which a model does not represent a BRDF.
 const LARGE_ERROR: f64 = 0.2;
 
-/// Returns a warning if the relight error of a fitted model is large.
+/// Returns a warning if the error of a fitted model is large: the relative error of a relit sphere.
 pub fn poor_fit(relight: f64) -> Option<String> {
     (relight > LARGE_ERROR).then(|| {
         format!(
@@ -37,7 +37,7 @@ pub fn poor_fit(relight: f64) -> Option<String> {
     })
 }
 
-/// Returns the comment on a fitted model: its relight error, or the warning of [`poor_fit`].
+/// Returns the comment on a fitted model: its error, or the warning of [`poor_fit`].
 pub fn fit_note(relight: f64) -> String {
     // XML does not allow two hyphens in a comment.
     poor_fit(relight)

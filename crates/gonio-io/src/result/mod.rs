@@ -30,7 +30,7 @@ pub use observations::{
     Projection, Shape, SurfacePixels, Visibility,
 };
 pub use paper::{Cost, SettingsSection, StartCost, Transfer};
-pub use posterior::{GlossUnits, Highlight, PeakToBody, Posterior, Quantiles, Reflectance, SimilarMaterial, WideCells};
+pub use posterior::{GlossUnits, Highlight, PeakHeight, Posterior, Quantiles, Reflectance, SimilarMaterial, WideCells};
 
 /// Value of `format` of a [`ResultDocument`].
 pub const FORMAT: &str = "gonio-result";

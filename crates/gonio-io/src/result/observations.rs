@@ -195,7 +195,7 @@ pub struct Visibility {
     pub bytes: Option<usize>,
 }
 
-/// Defects of a mesh or a relief, none of which makes it unusable.
+/// Defects of a mesh or of positions, none of which makes it unusable.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(default)]
@@ -272,7 +272,7 @@ pub struct PixelCounts {
     pub outliers: usize,
     /// Pixels that differ from their neighbours like outliers, but are used because the object has
     /// sharp reflections.
-    pub isolated: usize,
+    pub possible_outliers: usize,
     /// Used pixels with a negative channel, which counts as zero.
     pub negative_channels: usize,
     /// Ignored pixels in regions of another colour, or on or near a second paint.
@@ -291,7 +291,7 @@ pub struct PixelCounts {
     /// Ignored pixels next to an edge or fold of the surface.
     pub at_edges: usize,
     /// Ignored pixels far darker than all their neighbours.
-    pub specks: usize,
+    pub dark_outliers: usize,
 }
 
 impl From<&ObservationReport> for PixelCounts {
@@ -312,7 +312,7 @@ impl From<&ObservationReport> for PixelCounts {
                 negative,
                 not_finite,
                 outliers,
-                isolated,
+                possible_outliers,
                 negative_channels,
                 other_colour_pixels,
                 converted_pixels,
@@ -321,7 +321,7 @@ impl From<&ObservationReport> for PixelCounts {
                 not_unit,
                 facing_away,
                 at_edges,
-                specks,
+                dark_outliers,
                 in_shadow
             }
         )

@@ -43,7 +43,7 @@ pub struct SettingsSection {
     pub model_error: Option<f64>,
     /// Whether the inference uses all observations instead of a projection.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub full_rows: Option<bool>,
+    pub all_observations: Option<bool>,
 }
 
 /// Light transport of a method of the paper.

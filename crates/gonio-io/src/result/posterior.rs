@@ -86,7 +86,7 @@ pub struct Highlight {
     #[serde(default)]
     pub gloss_units: Option<GlossUnits>,
     /// Height of the peak.
-    pub peak_to_body: PeakToBody,
+    pub peak_height: PeakHeight,
 }
 
 /// Gloss units (ASTM D523: black glass has 100). They are proportional to the albedo, which a
@@ -107,7 +107,7 @@ pub struct GlossUnits {
 /// Ratio of the BRDF along the normal to its mean at half angles above 45 degrees.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
-pub struct PeakToBody {
+pub struct PeakHeight {
     /// Quantiles of the ratio.
     #[serde(flatten)]
     pub quantiles: Quantiles,

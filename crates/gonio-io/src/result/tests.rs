@@ -20,7 +20,7 @@ fn complete() -> ResultDocument {
     let posterior = Posterior {
         highlight: Highlight {
             roughness: Some([0.1, 0.2, 0.3].into()),
-            peak_to_body: PeakToBody { quantiles: [1.0, 2.0, 4.0].into(), factor: 4.0 },
+            peak_height: PeakHeight { quantiles: [1.0, 2.0, 4.0].into(), factor: 4.0 },
             ..Highlight::default()
         },
         materials: vec![SimilarMaterial { name: "brass".into(), weight: 0.25 }],
@@ -45,7 +45,7 @@ fn a_document_is_the_same_after_a_round_trip() {
     let document = complete();
     let encoded: Value = serde_json::from_str(&encode(&document)).unwrap();
     assert_eq!(
-        encoded["posterior"]["highlight"]["peak_to_body"],
+        encoded["posterior"]["highlight"]["peak_height"],
         json!({ "5": 1.0, "50": 2.0, "95": 4.0, "factor": 4.0 })
     );
     assert_eq!(
@@ -60,11 +60,11 @@ fn a_document_is_the_same_after_a_round_trip() {
 fn numbers_that_are_not_finite_can_be_read_again() {
     let mut document = complete();
     if let Some(posterior) = &mut document.posterior {
-        posterior.highlight.peak_to_body.factor = f64::INFINITY;
+        posterior.highlight.peak_height.factor = f64::INFINITY;
         posterior.highlight.roughness = Some([f64::NAN; 3].into());
     }
     let read = material(&serde_json::from_str(&encode(&document)).unwrap()).posterior.unwrap();
-    assert!(read.highlight.peak_to_body.factor.is_nan() && read.highlight.roughness.unwrap().median.is_nan());
+    assert!(read.highlight.peak_height.factor.is_nan() && read.highlight.roughness.unwrap().median.is_nan());
 }
 
 #[test]

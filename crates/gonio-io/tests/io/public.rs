@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use glam::{DVec3, Vec3};
 use gonio::picture::Plane;
-use gonio::scene::{Detection, NormalPicture, Object, ObservationSettings, SceneWarning};
+use gonio::scene::{Detection, NormalMap, ObjectShape, ObservationSettings, SceneWarning};
 use gonio_io::picture::{Encoding, ExposureSettings, ReadOptions, read, read_mask};
 use gonio_io::{Kind, merl, mesh, normals};
 
@@ -144,8 +144,8 @@ fn a_flat_background_of_a_normal_map_is_ignored() {
     let mask = read_mask(file("mask.png")).unwrap();
     let detect = |mask: Option<Plane<f32>>| {
         let normals = normals::read_normals(file("normals-flat-background.png")).unwrap();
-        let view = NormalPicture { normals, camera: None, relief: None, trusted: false, error: 0.0 };
-        Detection::of(&picture, mask, Object::Normals(Arc::new(view)), &ObservationSettings::default()).unwrap()
+        let view = NormalMap { normals, camera: None, positions: None, trusted: false, error: 0.0 };
+        Detection::of(&picture, mask, ObjectShape::Normals(Arc::new(view)), &ObservationSettings::default()).unwrap()
     };
     let (alone, masked) = (detect(None), detect(Some(mask.clone())));
     let outside = mask.as_slice().iter().filter(|m| **m < 0.5).count();

@@ -26,7 +26,7 @@ pub struct NmfSettings {
     /// Number of independent starts, at least 1. Default 16.
     ///
     /// The first start is NNDSVD; then random samples and uniform random numbers alternate.
-    pub restarts: usize,
+    pub starts: usize,
     /// Largest number of iterations of each start. Default 2000.
     pub max_iterations: usize,
     /// Relative decrease of the cost per iteration at which a start ends. Default 1e-6.
@@ -41,7 +41,7 @@ pub struct NmfSettings {
 
 impl Default for NmfSettings {
     fn default() -> Self {
-        Self { rank: 10, restarts: 16, max_iterations: 2000, tolerance: 1e-6, extrapolate: true, seed: 0 }
+        Self { rank: 10, starts: 16, max_iterations: 2000, tolerance: 1e-6, extrapolate: true, seed: 0 }
     }
 }
 
@@ -69,7 +69,7 @@ pub enum NmfError {
         samples: usize,
     },
     /// Restarts or iterations are zero, or the tolerance is negative or not finite.
-    #[error("restarts and iterations must be at least 1 and the tolerance finite and not negative")]
+    #[error("starts and iterations must be at least 1 and the tolerance finite and not negative")]
     Settings,
 }
 
@@ -110,7 +110,7 @@ pub struct Nmf {
 pub(crate) fn factorize_all(x: MatRef<'_, f64>, settings: &NmfSettings) -> Result<Vec<Nmf>, NmfError> {
     check(x, settings)?;
     let mut seeds = Pcg64::seed_from_u64(settings.seed);
-    let seeds: Vec<u64> = (0..settings.restarts).map(|_| seeds.random()).collect();
+    let seeds: Vec<u64> = (0..settings.starts).map(|_| seeds.random()).collect();
     let run = |(index, seed)| {
         let start = starts::start(x, settings.rank, index, seed);
         let (pair, report) = hals::descend(x, start, settings);
@@ -121,7 +121,7 @@ pub(crate) fn factorize_all(x: MatRef<'_, f64>, settings: &NmfSettings) -> Resul
 
 fn check(x: MatRef<'_, f64>, settings: &NmfSettings) -> Result<(), NmfError> {
     let (cells, samples) = (x.nrows(), x.ncols());
-    let counts = [settings.restarts, settings.max_iterations];
+    let counts = [settings.starts, settings.max_iterations];
     if counts.contains(&0) || !settings.tolerance.is_finite() || settings.tolerance < 0.0 {
         return Err(NmfError::Settings);
     }
@@ -166,7 +166,7 @@ mod tests {
     }
 
     fn settings(rank: usize) -> NmfSettings {
-        NmfSettings { rank, restarts: 3, ..Default::default() }
+        NmfSettings { rank, starts: 3, ..Default::default() }
     }
 
     #[test]
@@ -186,7 +186,7 @@ mod tests {
     fn extrapolation_is_faster() {
         let x = noisy(300, 20);
         let run = |extrapolate| {
-            let s = NmfSettings { extrapolate, restarts: 1, max_iterations: 60, tolerance: 0.0, ..settings(5) };
+            let s = NmfSettings { extrapolate, starts: 1, max_iterations: 60, tolerance: 0.0, ..settings(5) };
             factorize(x.as_ref(), &s).unwrap().report.cost
         };
         assert!(run(true) <= run(false), "{} {}", run(true), run(false));
@@ -246,7 +246,7 @@ mod tests {
         let error = |x: &Mat<f64>, s: NmfSettings| factorize(x.as_ref(), &s).unwrap_err();
         assert_eq!(error(&x, settings(4)), NmfError::Rank { rank: 4, cells: 4, samples: 3 });
         assert_eq!(error(&x, settings(0)), NmfError::Rank { rank: 0, cells: 4, samples: 3 });
-        assert_eq!(error(&x, NmfSettings { restarts: 0, ..settings(1) }), NmfError::Settings);
+        assert_eq!(error(&x, NmfSettings { starts: 0, ..settings(1) }), NmfError::Settings);
         let negative = Mat::from_fn(4, 3, |i, j| 1.0 - (i + j) as f64);
         assert_eq!(error(&negative, settings(1)), NmfError::BadEntry { cell: 2, sample: 0, value: -1.0 });
     }

@@ -115,7 +115,7 @@ class Brdf:
         return _gonio.normal_albedo(self.table)
 
     @property
-    def peak_to_body(self) -> float:
+    def peak_height(self) -> float:
         """Ratio of the BRDF along the normal to its mean at half angles above 45 degrees; 1 for chalk, thousands for polished metal."""
         return self._highlight()[0]
 

@@ -75,7 +75,7 @@ def check(
     **options
         Arguments of :func:`infer` for reading the photograph, for the shape of the object and for
         references: ``linear``, ``layer``, ``times``, ``response``, ``align``, ``trust_times``,
-        ``black_level``, ``flat``, ``colorspace``, ``clip``, ``keep_colors``, ``force``, ``normals``
+        ``black_level``, ``flat``, ``colorspace``, ``clip``, ``one_material``, ``force``, ``normals``
         and its options, ``circle``, ``depth_axis``, ``camera``, ``pose``, ``white``, ``grey_card``,
         ``grey_ball``, ``color_checker`` and their options.
 

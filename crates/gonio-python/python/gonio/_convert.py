@@ -62,7 +62,7 @@ def dataset(found: Material, light: Floats | None) -> xarray.Dataset:
         "luminance_quantiles": (("quantile", *cells), found.luminance_quantiles, per_sr),
         "undetermined": (cells, found.undetermined),
         "luminance_draws": (("draw", *cells), found.luminance_draws, per_sr),
-        "peak_to_body": ("bound", found.peak_to_body),
+        "peak_height": ("bound", found.peak_height),
         "ggx_alpha": ("bound", found.ggx_alpha),
         "gloss_units": (("angle", "bound"), np.stack(list(found.gloss_units.values()))),
     }
@@ -91,7 +91,7 @@ def inference_data(draws: Floats) -> Any:
         # The package of ArviZ 1.0 that contains the conversion.
         arviz = import_optional("arviz_base", "to_inference_data", "arviz")
     numbers = _gonio.highlights(draws)
-    names = ("peak_to_body", "ggx_alpha", "gloss_units_20", "gloss_units_60")
+    names = ("peak_height", "ggx_alpha", "gloss_units_20", "gloss_units_60")
     posterior: dict[str, Any] = {name: numbers[np.newaxis, :, column] for column, name in enumerate(names)}
     posterior["brdf"] = draws[np.newaxis]
     coordinates = {name: values[1] for name, values in angles().items()}

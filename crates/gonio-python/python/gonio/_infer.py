@@ -72,7 +72,7 @@ class Options(TypedDict, total=False):
     colorspace: str | None
     output_colorspace: str
     clip: float | None
-    keep_colors: bool
+    one_material: bool
     force: bool
     normals: Picture | None
     normals_order: str
@@ -99,7 +99,7 @@ class Options(TypedDict, total=False):
     starts: int | None
     seed: int | None
     solver: str | None
-    full_rows: bool
+    all_observations: bool
     color: str
     light_color: Sequence[float] | None
     white: tuple[float, float, float] | None
@@ -142,7 +142,7 @@ def infer(
     colorspace: str | None = None,
     output_colorspace: str = "rec709",
     clip: float | None = None,
-    keep_colors: bool = False,
+    one_material: bool = False,
     force: bool = False,
     normals: Picture | None = None,
     normals_order: str = "xyz",
@@ -170,7 +170,7 @@ def infer(
     starts: int | None = None,
     seed: int | None = None,
     solver: str | None = None,
-    full_rows: bool = False,
+    all_observations: bool = False,
     color: str = "estimate",
     light_color: Sequence[float] | None = None,
     white: tuple[float, float, float] | None = None,
@@ -233,7 +233,7 @@ def infer(
         linear Rec. 709.
     clip : float, optional
         Radiance at which the camera clips; detected by default if many pixels share the maximum.
-    keep_colors : bool, default False
+    one_material : bool, default False
         Use regions of another colour (stickers), a second paint and small spots such as dust as
         well. By default, they are ignored if gonio can distinguish them from reflections.
     force : bool, default False
@@ -279,7 +279,7 @@ def infer(
     mirror_reflectance : float or three floats, optional
         Reflectance of the mirror ball at normal incidence; chrome has about 0.55. With it, the BRDF
         is absolute. By default, the ball is grey and the scale of the BRDF is unknown.
-    align_light : {"near", "around", "fixed"}, optional
+    align_light : {"small", "vertical", "fixed"}, optional
         Rotations of the environment map to search: a few degrees about any axis (default), additionally
         any angle about the vertical, or none.
     absolute : bool, default False
@@ -297,7 +297,7 @@ def infer(
         Number of random starts of the paper's methods (default 4), and their seed (default 1).
     solver : {"blocks", "printed"}, optional
         Solver of ``method="variational"``.
-    full_rows : bool, default False
+    all_observations : bool, default False
         Run ``"variational"`` or ``"joint-map"`` on all observations instead of their projection.
     color : {"estimate", "median", "none"}, default "estimate"
         Colour of the BRDF. ``"estimate"``: estimated chroma for every pair of angles; a light of
@@ -392,11 +392,11 @@ def prepared(options: dict[str, Any]) -> tuple[GivenScene, Settings, Model, list
         "starts": 4 if options["starts"] is None else integer(options["starts"], "starts", 1, 1000),
         "seed": 1 if options["seed"] is None else integer(options["seed"], "seed"),
         "solver": choice(options["solver"] or "blocks", "solver", ("blocks", "printed")),
-        "full_rows": flag(options["full_rows"], "full_rows"),
+        "all_observations": flag(options["all_observations"], "all_observations"),
         "light": None if light is None else environment_map(light, messages),
         "mirror_ball": ball,
         "mirror_reflectance": reflectance,
-        "align_light": choice(options["align_light"] or "near", "align_light", ("near", "around", "fixed")),
+        "align_light": choice(options["align_light"] or "small", "align_light", ("small", "vertical", "fixed")),
         "absolute": flag(options["absolute"], "absolute"),
         "grid": 32 if options["grid"] is None else integer(options["grid"], "grid"),
         "shadows": flag(options["shadows"], "shadows"),
@@ -461,7 +461,7 @@ def refuse_unused(options: dict[str, Any], method: str, has_shadows: bool) -> No
         ("solver", options["solver"] is not None, ("variational",)),
         ("starts", options["starts"] is not None, IN_BASIS),
         ("seed", options["seed"] is not None, IN_BASIS),
-        ("full_rows", bool(options["full_rows"]), ("variational", "joint-map")),
+        ("all_observations", bool(options["all_observations"]), ("variational", "joint-map")),
         ("grid", options["grid"] is not None and not has_shadows, blind),
         ("model", options["model"] is not None, tuple(name for name in METHODS if name != "paper")),
     ]

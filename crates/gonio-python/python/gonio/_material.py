@@ -238,9 +238,9 @@ class Material(Result):
         return self._found["materials"]
 
     @property
-    def peak_to_body(self) -> Doubles:
+    def peak_height(self) -> Doubles:
         """5, 50 and 95 % quantiles of the ratio of the BRDF along the normal to its mean at half angles above 45 degrees."""
-        return self._found["peak_to_body"]
+        return self._found["peak_height"]
 
     @property
     def ggx_alpha(self) -> Doubles:
@@ -394,7 +394,7 @@ class Material(Result):
         xarray.Dataset
             ``brdf``, ``luminance``, ``luminance_quantiles`` (over ``quantile``), ``undetermined`` and
             ``luminance_draws`` (over ``draw``), all over ``theta_h`` and ``theta_d`` (radians);
-            ``peak_to_body``, ``ggx_alpha`` and ``gloss_units`` over ``bound``: ``"low"``, ``"median"``
+            ``peak_height``, ``ggx_alpha`` and ``gloss_units`` over ``bound``: ``"low"``, ``"median"``
             and ``"high"``, the 5, 50 and 95 % quantiles; for one photograph, also ``light`` over
             ``elevation`` and ``azimuth``.
 
@@ -429,7 +429,7 @@ class Material(Result):
         -------
         arviz.InferenceData or xarray.DataTree
             The type depends on the version of ArviZ (before 1.0, or 1.0 and later). The group
-            ``posterior`` contains ``peak_to_body``, ``ggx_alpha``, ``gloss_units_20``, ``gloss_units_60``
+            ``posterior`` contains ``peak_height``, ``ggx_alpha``, ``gloss_units_20``, ``gloss_units_60``
             and ``brdf`` (luminance), all over ``chain`` and ``draw``.
 
         Raises

@@ -175,7 +175,7 @@ class Posterior(Material, PhotographResult):
 
     def _repr_html_(self) -> str:
         """Returns pictures and numbers as HTML, for notebooks."""
-        low, median, high = self.peak_to_body
+        low, median, high = self.peak_height
         sharp, middle, dull = self.ggx_alpha
         units = "; ".join(
             f"{values[1]:.3g} at {angle}&deg; <small>({values[0]:.3g} to {values[2]:.3g})</small>"

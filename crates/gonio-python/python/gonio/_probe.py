@@ -155,7 +155,7 @@ def light_probe(
         raise GonioError(f"rows {rows}: must be a power of two from 8 to 4096")
 
     def scene(given: Photograph, unnamed: str, where: Picture | None, outline: tuple[float, float, float] | None) -> GivenScene:
-        own = {"mask": where, "clip": clip, "keep_colors": True, "circle": outline, "camera": camera}
+        own = {"mask": where, "clip": clip, "one_material": True, "circle": outline, "camera": camera}
         return given_scene(given, {**reading, **own}, messages, unnamed)
 
     settings: ProbeSettings = {

@@ -87,8 +87,8 @@ def infer_regions(
     places = given_regions(regions, circles)
     if circles is not None and given["mask"] is not None:
         raise GonioError("circles and mask both define the balls; use only one of them")
-    if given["keep_colors"]:
-        raise GonioError("keep_colors applies to photographs of one material; with regions, gonio uses all colours")
+    if given["one_material"]:
+        raise GonioError("one_material applies to photographs of one material; with regions, gonio uses all colours")
     scene, settings, model, messages = prepared(given)
     found, of_photograph = _gonio.infer_regions(scene, places, settings, model, {"progress": given["progress"], "poll": None})
     out = {name: Posterior(values, f"{stem_of(image)}-{name}") for name, values in found}

@@ -27,7 +27,7 @@ READING: dict[str, Any] = {
 }
 """Arguments for reading files, with their defaults."""
 
-SCENE: dict[str, Any] = {**READING, **FORM, **REFERENCE, "mask": None, "clip": None, "keep_colors": False, "force": False}
+SCENE: dict[str, Any] = {**READING, **FORM, **REFERENCE, "mask": None, "clip": None, "one_material": False, "force": False}
 """Arguments for a photograph and its object, with their defaults."""
 
 
@@ -79,7 +79,7 @@ def given_scene(image: Photograph, options: Mapping[str, Any], warnings: list[st
         "reading": reading,
         "mask": mask_of(chosen["mask"]),
         "clip": clip,
-        "keep_colors": flag(chosen["keep_colors"], "keep_colors"),
+        "one_material": flag(chosen["one_material"], "one_material"),
         "force": flag(chosen["force"], "force"),
         "object": given_shape(chosen),
         "reference": given_reference(chosen),

@@ -66,8 +66,8 @@ def train_lighting(
     lights: Lights,
     *,
     grid: int = 128,
-    layout: str = "equal-area",
-    turns: int = 1,
+    mapping: str = "equal-area",
+    rotations: int = 1,
     cap: float | None = None,
     seed: int = 1,
     progress: Progress | None = None,
@@ -80,9 +80,9 @@ def train_lighting(
         A folder of lat-long maps, or their files or arrays.
     grid : int, default 128
         Texels along a side of the finest grid of the prior, a power of two.
-    layout : {"equal-area", "praun-hoppe"}, default "equal-area"
+    mapping : {"equal-area", "praun-hoppe"}, default "equal-area"
         Mapping of the sphere to the square.
-    turns : int, default 1
+    rotations : int, default 1
         Number of azimuths at which each map is used.
     cap : float, optional
         Multiple of its mean at which each map is clipped, like the limited range of a camera.
@@ -104,8 +104,8 @@ def train_lighting(
     """
     options: LightingOptions = {
         "grid": integer(grid, "grid"),
-        "layout": choice(layout, "layout", ("equal-area", "praun-hoppe")),
-        "turns": integer(turns, "turns"),
+        "mapping": choice(mapping, "mapping", ("equal-area", "praun-hoppe")),
+        "rotations": integer(rotations, "rotations"),
         "cap": None if cap is None else number(cap, "cap"),
         "seed": integer(seed, "seed"),
     }
@@ -118,7 +118,7 @@ def train_reflectance(
     *,
     rank: int = 10,
     channel: str = "green",
-    restarts: int | None = None,
+    starts: int | None = None,
     seed: int = 0,
     progress: Progress | None = None,
 ) -> ModelPart:
@@ -132,7 +132,7 @@ def train_reflectance(
         Number of basis functions.
     channel : {"red", "green", "blue", "luminance"}, default "green"
         Channel of the BRDFs to factorise.
-    restarts : int, optional
+    starts : int, optional
         Number of random starts of the factorisation.
     seed : int, default 0
         Seed of the random starts.
@@ -148,14 +148,14 @@ def train_reflectance(
     --------
     >>> lobe = lambda width: gonio.Brdf.of(lambda h, d: 0.1 + np.exp(-((h / width) ** 2)))
     >>> materials = {str(width): lobe(width) for width in (0.1, 0.2, 0.3, 0.5)}
-    >>> part = gonio.train_reflectance(materials, rank=2, restarts=1)
+    >>> part = gonio.train_reflectance(materials, rank=2, starts=1)
     >>> sorted(part.errors)
     ['0.1', '0.2', '0.3', '0.5']
     """
     options: ReflectanceOptions = {
         "rank": integer(rank, "rank"),
         "channel": choice(channel, "channel", CHANNELS),
-        "restarts": None if restarts is None else integer(restarts, "restarts"),
+        "starts": None if starts is None else integer(starts, "starts"),
         "seed": integer(seed, "seed"),
     }
     data, provenance, errors = _gonio.train_reflectance(_materials(materials), options, _listeners(progress))
@@ -168,7 +168,7 @@ def train_posterior(
     *,
     channel: str = "luminance",
     views: int | None = None,
-    draws: int | None = None,
+    group_materials: int | None = None,
     steps: int | None = None,
     initial: Model | None = None,
     seed: int = 1,
@@ -186,7 +186,7 @@ def train_posterior(
         Channel of the measured BRDFs.
     views : int, optional
         Number of views of lights in each group of simulated scenes.
-    draws : int, optional
+    group_materials : int, optional
         Number of materials in each group of simulated scenes.
     steps : int, optional
         Number of training steps, each on 128 simulated photographs.
@@ -210,7 +210,7 @@ def train_posterior(
     options: PosteriorOptions = {
         "channel": choice(channel, "channel", CHANNELS),
         "views": None if views is None else integer(views, "views"),
-        "draws": None if draws is None else integer(draws, "draws"),
+        "group_materials": None if group_materials is None else integer(group_materials, "group_materials"),
         "steps": None if steps is None else integer(steps, "steps"),
         "initial": initial,
         "seed": integer(seed, "seed"),

@@ -89,7 +89,7 @@ class GivenScene(TypedDict):
     reading: GivenReading
     mask: str | Floats | None
     clip: float | None
-    keep_colors: bool
+    one_material: bool
     force: bool
     object: GivenShape
     reference: GivenReference | None
@@ -109,7 +109,7 @@ class Settings(TypedDict):
     starts: int
     seed: int
     solver: str
-    full_rows: bool
+    all_observations: bool
     grid: int
     light: str | Floats | None
     mirror_ball: tuple[float, float, float] | None
@@ -174,7 +174,7 @@ class MaterialData(BrdfData):
     undetermined: NDArray[np.bool_]
     undetermined_share: float
     materials: list[tuple[str, float]]
-    peak_to_body: Doubles
+    peak_height: Doubles
     ggx_alpha: Doubles
     gloss_units: list[Doubles]
     verdict: str
@@ -243,8 +243,8 @@ class LightingOptions(TypedDict):
     """Settings for training the light prior."""
 
     grid: int
-    layout: str
-    turns: int
+    mapping: str
+    rotations: int
     cap: float | None
     seed: int
 
@@ -254,7 +254,7 @@ class ReflectanceOptions(TypedDict):
 
     rank: int
     channel: str
-    restarts: int | None
+    starts: int | None
     seed: int
 
 
@@ -263,7 +263,7 @@ class PosteriorOptions(TypedDict):
 
     channel: str
     views: int | None
-    draws: int | None
+    group_materials: int | None
     steps: int | None
     initial: Model | None
     seed: int

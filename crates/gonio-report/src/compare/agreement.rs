@@ -12,7 +12,7 @@ use crate::report::short;
 pub(super) struct Highlight {
     /// Roughness of the principled models.
     pub(super) roughness: Option<[f64; 3]>,
-    /// Ratio of the peak to the body.
+    /// Peak height.
     pub(super) peak: Option<[f64; 3]>,
 }
 
@@ -23,7 +23,7 @@ impl Highlight {
         let read = |quantiles: Quantiles| Some(<[f64; 3]>::from(quantiles)).filter(sound);
         let Some(posterior) = &result.posterior else { return Self::default() };
         let highlight = &posterior.highlight;
-        Self { roughness: highlight.roughness.and_then(read), peak: read(highlight.peak_to_body.quantiles) }
+        Self { roughness: highlight.roughness.and_then(read), peak: read(highlight.peak_height.quantiles) }
     }
 }
 
@@ -130,7 +130,7 @@ fn agreement((a, of_a): (&str, Highlight), (b, of_b): (&str, Highlight)) -> (Agr
 
 #[cfg(test)]
 mod tests {
-    use gonio_io::result::{PeakToBody, Posterior};
+    use gonio_io::result::{PeakHeight, Posterior};
 
     use super::super::FolderContents;
     use super::*;
@@ -197,9 +197,9 @@ mod tests {
     #[test]
     fn ignores_invalid_quantiles() {
         let of = |low: f64| {
-            let peak_to_body = PeakToBody { quantiles: [low, 2.0, 3.0].into(), factor: 3.0 };
+            let peak_height = PeakHeight { quantiles: [low, 2.0, 3.0].into(), factor: 3.0 };
             let roughness = Some([0.1, 0.2, 0.3].into());
-            let highlight = gonio_io::result::Highlight { peak_to_body, roughness, ..Default::default() };
+            let highlight = gonio_io::result::Highlight { peak_height, roughness, ..Default::default() };
             let posterior = Some(Posterior { highlight, ..Posterior::default() });
             Highlight::of(&ResultDocument { posterior, ..ResultDocument::default() })
         };

@@ -143,7 +143,7 @@ fn plain(text: &str) -> String {
 
 #[cfg(test)]
 mod tests {
-    use gonio_io::result::{Highlight, PeakToBody, Posterior, Residual, SimilarMaterial};
+    use gonio_io::result::{Highlight, PeakHeight, Posterior, Residual, SimilarMaterial};
 
     use super::*;
 
@@ -158,8 +158,8 @@ mod tests {
     }
 
     fn result(peak: f64) -> ResultDocument {
-        let peak_to_body = PeakToBody { quantiles: [peak / 2.0, peak, peak * 2.0].into(), factor: 4.0 };
-        let highlight = Highlight { peak_to_body, verdict: "known <well>".into(), ..Highlight::default() };
+        let peak_height = PeakHeight { quantiles: [peak / 2.0, peak, peak * 2.0].into(), factor: 4.0 };
+        let highlight = Highlight { peak_height, verdict: "known <well>".into(), ..Highlight::default() };
         let materials = vec![SimilarMaterial { name: "<b>brass</b>".into(), weight: 0.5 }];
         ResultDocument {
             posterior: Some(Posterior { highlight, materials, ..Posterior::default() }),

@@ -152,7 +152,7 @@ fn trust(result: &ResultDocument, faults: &[String]) -> Markup {
 
 #[cfg(test)]
 mod tests {
-    use gonio_io::result::{self, PeakToBody, Posterior, UncertainColour};
+    use gonio_io::result::{self, PeakHeight, Posterior, UncertainColour};
 
     use super::*;
 
@@ -163,7 +163,7 @@ mod tests {
             verdict: "satin: roughness 0.40".into(),
             roughness: Some(three(0.1)),
             gloss_units: Some(GlossUnits { albedo: 0.25, at_20: three(1.0), at_60: three(5.0) }),
-            peak_to_body: PeakToBody { quantiles: three(10.0), factor: 4.0 },
+            peak_height: PeakHeight { quantiles: three(10.0), factor: 4.0 },
             ..result::Highlight::default()
         };
         let materials = vec![SimilarMaterial { name: "brass".into(), weight: 0.32 }];

@@ -11,7 +11,7 @@ mod view;
 
 use glam::{DVec3, Vec3};
 use gonio::colour::ChromaField;
-use gonio::estimate::{ALBEDO, Material};
+use gonio::estimate::{ALBEDO, MaterialEstimate};
 use gonio::lighting::{EnvironmentMap, LightGrid, lamp_light, sky_light};
 use gonio::picture::{Picture, Plane, luminance};
 use gonio::reflectance::BivariateTable;
@@ -54,7 +54,7 @@ pub struct Subject<'a> {
     /// Known light.
     pub known_light: Option<&'a EnvironmentMap>,
     /// Uncertainty of the reflectance, if the method estimates it.
-    pub material: Option<&'a Material>,
+    pub material: Option<&'a MaterialEstimate>,
 }
 
 /// Pictures in linear display values in 0..=1; squares of [`PANEL`] pixels unless stated otherwise.

@@ -1,7 +1,7 @@
 //! Page of the result of several photographs of one material.
 
 use glam::Vec3;
-use gonio::estimate::Material;
+use gonio::estimate::MaterialEstimate;
 use gonio::picture::Plane;
 use gonio_io::result::ResultDocument;
 use maud::html;
@@ -26,7 +26,7 @@ pub struct CombinedReport<'a> {
     /// Name of the material in exports.
     pub name: &'a str,
     /// The material.
-    pub material: &'a Material,
+    pub material: &'a MaterialEstimate,
     /// Picture of the combined and the single materials, as linear display values.
     pub sheet: &'a Plane<Vec3>,
     /// The photographs.

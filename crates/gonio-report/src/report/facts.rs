@@ -1,6 +1,6 @@
 //! Tables and sentences of the report.
 
-use gonio::estimate::{Material, WIDE};
+use gonio::estimate::{MaterialEstimate, WIDE};
 use gonio::scene::ObservationReport;
 use gonio_io::result::{Colour, GlossUnits, Quantiles, ResultDocument, UncertainColour};
 use maud::{Markup, html};
@@ -9,7 +9,7 @@ use super::{codes, hex, percent, short};
 use crate::page::table;
 
 /// States finish, roughness and certainty; the finish is bold.
-pub(super) fn verdict_of(material: &Material) -> Markup {
+pub(super) fn verdict_of(material: &MaterialEstimate) -> Markup {
     let verdict = material.verdict();
     let finish = material.finish().name();
     html! { strong { (finish) } (verdict.strip_prefix(finish).unwrap_or(&verdict)) "." }
@@ -54,7 +54,7 @@ pub(super) fn warnings(lines: &[String]) -> Markup {
 }
 
 /// Summarises the estimate in words.
-pub(super) fn facts(material: &Material, result: &ResultDocument) -> Markup {
+pub(super) fn facts(material: &MaterialEstimate, result: &ResultDocument) -> Markup {
     let interval = |[low, median, high]: [f64; 3]| {
         html! { strong { (short(median)) } ", 90 % interval " (short(low)) " to " (short(high)) }
     };
@@ -73,14 +73,14 @@ pub(super) fn facts(material: &Material, result: &ResultDocument) -> Markup {
             }
             div {
                 dt { "peak height" }
-                dd { (interval(material.peak_to_body)) span.note { (SCALE) } }
+                dd { (interval(material.peak_height)) span.note { (SCALE) } }
             }
             div {
                 dt { "uncertainty" }
                 dd {
-                    "cells with a 90 % interval wider than a factor of " (WIDE) ": "
+                    "share of the table of the BRDF with a 90 % interval wider than a factor of " (WIDE) ": "
                     strong { (percent(material.wider_than(WIDE))) }
-                    "; cells that the photograph does not determine: "
+                    "; share that the photograph does not determine: "
                     strong { (percent(material.undetermined_share)) }
                 }
             }
@@ -156,7 +156,7 @@ pub(super) fn counts(report: &ObservationReport) -> Markup {
         ("pixels ignored as outliers", report.outliers),
         ("pixels ignored as another colour or paint", report.other_colour_pixels),
         ("pixels converted from a second paint", report.converted_pixels),
-        ("pixels ignored as dark specks", report.specks),
+        ("pixels ignored as dark outliers", report.dark_outliers),
         ("pixels ignored at edges", report.at_edges),
         ("points in self-shadow", report.in_shadow),
     ]

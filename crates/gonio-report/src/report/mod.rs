@@ -9,7 +9,7 @@ mod renderers;
 pub mod sphere;
 
 use glam::Vec3;
-use gonio::estimate::{Material, WIDE};
+use gonio::estimate::{MaterialEstimate, WIDE};
 use gonio_io::result::ResultDocument;
 use maud::{Markup, PreEscaped, html};
 
@@ -88,7 +88,7 @@ impl Report<'_> {
             p.answer {
                 @match self.subject.material {
                     Some(material) => { (verdict_of(material)) }
-                    None => { "This BRDF explains the photograph best. The method does not estimate its uncertainty." }
+                    None => { "This method estimates no intervals of the BRDF." }
                 }
             }
         }
@@ -209,7 +209,7 @@ impl Report<'_> {
                 @if let Some(grid) = self.subject.light {
                     "This light explains the photograph, given the mean BRDF. Its texels are " (format!("{:.1}", resolution(grid))) "° wide; the picture is blurred by half a texel."
                     @if let Some(share) = self.uncertain() {
-                        (format!(" Uncertainty makes up {} of the variation of the light over directions (mean square).", percent(share)))
+                        (format!(" The variance of its posterior is {} of its mean square variation over directions.", percent(share)))
                     }
                 }
             },
@@ -254,7 +254,7 @@ impl Report<'_> {
         Some(figure::card("Used pixels", &figure::sized(picture, SHOWN, alt), &caption))
     }
 
-    fn trust(&self, material: &Material) -> Markup {
+    fn trust(&self, material: &MaterialEstimate) -> Markup {
         let similar: Vec<(String, Markup)> = material
             .posterior
             .neighbours
@@ -284,10 +284,11 @@ impl Report<'_> {
             .collect();
         html! {
             (figure::figure(&figure::tiles(&tiles), &html! {
-                "Estimate and both ends of the 90 % interval, in a studio light. The ends lie along the direction of the \
-                 posterior that changes this picture most. "
+                "Estimate and both ends of the 90 % interval, in a studio light. gonio draws materials from the posterior and \
+                 orders them by the change that is most visible in this picture; the ends are 5 % from either end of \
+                 this order. "
                 (format!("They differ most in the {}, by a factor of {:.1}. ", material.ends.region.name(), material.ends.factor))
-                "If they look different, the photograph does not determine the material."
+                "The more they differ, the less the photograph determines the material."
             }))
             (figure::figure(&figure::tiles(&draws), &html! {
                 "Five materials drawn from the posterior, in the same light, in order of their position between the two \

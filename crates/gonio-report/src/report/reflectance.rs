@@ -1,6 +1,6 @@
 //! Pictures of the BRDF.
 
-use gonio::estimate::Material;
+use gonio::estimate::MaterialEstimate;
 use gonio::reflectance::{BivariateTable, THETA_D, THETA_H, is_trusted, theta_h_of};
 use maud::{Markup, html};
 
@@ -31,7 +31,7 @@ pub(super) fn section(subject: &Subject<'_>, panels: &Panels) -> Markup {
 }
 
 /// Draws the BRDF over both angles, its cuts and its lobes, with the 90 % intervals of a material.
-pub(super) fn charts(table: &BivariateTable, material: Option<&Material>) -> Markup {
+pub(super) fn charts(table: &BivariateTable, material: Option<&MaterialEstimate>) -> Markup {
     let band = material.map(|m| {
         let quantile = |q: &Vec<f32>| BivariateTable::from_vec(q.clone());
         (quantile(&m.quantiles[0]), quantile(&m.quantiles[m.quantiles.len() - 1]))

@@ -54,7 +54,7 @@ pub(super) fn section(name: &str, fits: &Fits) -> Markup {
     let gltf = serde_json::to_string_pretty(&gltf_material(name, &metallic_roughness.model)).unwrap_or_default();
     let width = "alpha = roughness²";
     html! {
-        p { "Best fit of each model to the BRDF, with the relative error of a sphere in a studio light. The \
+        p { "Best fit of each model to the BRDF, with its fit error: the relative error of a sphere in a studio light. The \
             tabulated BRDF has no such error: "
             code { "gonio export" } " writes the table for Mitsuba and pbrt." }
         @if let Some(albedo) = albedo {
@@ -72,7 +72,7 @@ pub(super) fn section(name: &str, fits: &Fits) -> Markup {
 fn block(id: &str, title: &str, off: f64, width: &str, text: &str) -> Markup {
     html! {
         details.copied open[id == "mitsuba"] {
-            summary { (title) span.note { " error " (percent(off)) ", " (width) } }
+            summary { (title) span.note { " fit error " (percent(off)) ", " (width) } }
             @if let Some(problem) = poor_fit(off) { p.note { (problem) } }
             button type="button" data-copy=(id) { "Copy" }
             pre id=(id) tabindex="0" { code { (text) } }

@@ -5,7 +5,7 @@ mod axes;
 mod sheet;
 
 use glam::Vec3;
-use gonio::estimate::Material;
+use gonio::estimate::MaterialEstimate;
 use gonio::picture::{Plane, srgb_decode};
 use gonio::reflectance::{BivariateTable, THETA_D, THETA_H, is_trusted, trusted_cells};
 
@@ -60,7 +60,7 @@ pub fn mean(table: &BivariateTable) -> Map {
 }
 
 /// Draws the ratio of the 95 % and the 5 % quantile, hatched where the BRDF is undetermined.
-pub fn width(material: &Material) -> Map {
+pub fn width(material: &MaterialEstimate) -> Map {
     let (lower, upper) = (&material.quantiles[0], &material.quantiles[material.quantiles.len() - 1]);
     let factor = |c: usize| f64::from(upper[c].max(1e-9)) / f64::from(lower[c].max(1e-9));
     let scale = Scale { low: 1.0, high: trusted_cells().map(factor).fold(4.0, f64::max) };

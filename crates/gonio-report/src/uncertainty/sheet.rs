@@ -1,7 +1,7 @@
 //! Picture of the maps, `uncertainty.png`.
 
 use glam::Vec3;
-use gonio::estimate::Material;
+use gonio::estimate::MaterialEstimate;
 use gonio::picture::Plane;
 
 use super::{DIFFERENCE, DIFFERENCE_TICKS, HALF, HALF_TICKS, MAP, Map, across, colour, down, mean, number, width};
@@ -17,7 +17,7 @@ const BOTTOM: usize = 96;
 
 /// Draws the mean and the width of the 90 % interval side by side, hatched where the BRDF is
 /// undetermined. Returns linear display values in 0..=1.
-pub fn draw(material: &Material) -> Plane<Vec3> {
+pub fn draw(material: &MaterialEstimate) -> Plane<Vec3> {
     let (left, right) = (drawn(&mean(&material.table)), drawn(&width(material)));
     let mut out = sheet(left.width() + right.width(), left.height());
     place(&mut out, 0, 0, &left);

@@ -21,7 +21,7 @@ const FREE_VARIANCE: f64 = 25.0;
 
 /// Standard deviation of a given chroma of the light: a grey card is accurate to about two per
 /// cent.
-const GIVEN: f64 = 0.02;
+const GIVEN_CHROMA_SD: f64 = 0.02;
 
 /// Factor by which draws of the channel differences are widened, under unknown and known light.
 ///
@@ -35,7 +35,7 @@ pub(crate) const DRAW_INFLATION: f64 = 1.5;
 pub(crate) const DRAW_FREEDOM: f64 = 3.0;
 
 /// Largest absolute logarithm of a channel relative to the luminance, before its albedo is set.
-const LIMIT: f32 = 12.0;
+const MAX_LOG_RATIO: f32 = 12.0;
 
 /// Component of the prior of the chroma of lights, a mixture of Gaussians around neutral.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -133,7 +133,10 @@ impl ColourModel {
         };
         let [red, green, blue] = [one(0)?, one(1)?, one(2)?];
         let lights = match light {
-            Some(_) => vec![LightComponent { weight: 1.0, covariance: [[GIVEN * GIVEN, 0.0], [0.0, GIVEN * GIVEN]] }],
+            Some(_) => vec![LightComponent {
+                weight: 1.0,
+                covariance: [[GIVEN_CHROMA_SD * GIVEN_CHROMA_SD, 0.0], [0.0, GIVEN_CHROMA_SD * GIVEN_CHROMA_SD]],
+            }],
             None => self.lights.clone(),
         };
         Some(DifferencePosterior {
@@ -266,7 +269,8 @@ fn field_of(
             logs.iter_mut().zip(direction).for_each(|(sum, value)| *sum += *weight as f32 * value);
         }
         // The model contains no information outside the trusted cells.
-        let logs: Vec<f32> = (0..CELLS).map(|cell| logs[nearest_trusted(cell)].clamp(-LIMIT, LIMIT)).collect();
+        let logs: Vec<f32> =
+            (0..CELLS).map(|cell| logs[nearest_trusted(cell)].clamp(-MAX_LOG_RATIO, MAX_LOG_RATIO)).collect();
         let channel = table.as_slice().iter().zip(&logs).map(|(value, log)| value * log.exp());
         let own = BivariateTable::from_vec(channel.collect()).normal_albedo();
         let level = (last + shift[c] - (own / albedo).max(1e-300).ln()) as f32;

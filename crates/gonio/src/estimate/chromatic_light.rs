@@ -106,12 +106,12 @@ impl Rows {
 
     /// Estimates the colours of a light; `None` if the photograph is black.
     pub(super) fn under(&self, colouring: &Colouring, light: &Light) -> Option<ChromaticLight> {
-        Images::of(self, colouring, light).map(|images| images.chromatic_light(light))
+        SquareContributions::of(self, colouring, light).map(|images| images.chromatic_light(light))
     }
 }
 
 /// Contribution of each square of the light to each observation.
-struct Images {
+struct SquareContributions {
     /// Observed colours, linear RGB.
     colours: Vec<DVec3>,
     /// Their weights, in 0..=1.
@@ -127,7 +127,7 @@ struct Images {
     white: [f64; 3],
 }
 
-impl Images {
+impl SquareContributions {
     /// Returns `None` if all observations are black.
     fn of(rows: &Rows, colouring: &Colouring, light: &Light) -> Option<Self> {
         let observations = &rows.observations;

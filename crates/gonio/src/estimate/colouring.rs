@@ -11,7 +11,7 @@ use crate::reflectance::BivariateTable;
 use crate::render::median_colour;
 use crate::scene::Observations;
 
-use super::{ChromaticLight, Material};
+use super::{ChromaticLight, MaterialEstimate};
 
 /// Number of draws of the colours.
 pub(super) const COLOUR_DRAWS: usize = 128;
@@ -137,10 +137,11 @@ impl Colouring {
 
     /// Returns the quantiles of every cell of red, green and blue.
     ///
-    /// The layout is `[channel][quantile][cell]`, at [`QUANTILE_LEVELS`](super::QUANTILE_LEVELS),
-    /// in 1/sr on the scale of [`Material::table`]. Without estimated colours, the quantiles are
-    /// those of the luminance times the uniform colour.
-    pub fn quantiles(&self, material: &Material) -> [Vec<Vec<f32>>; 3] {
+    /// The layout is `[channel][quantile][cell]`, with the levels
+    /// [`QUANTILE_LEVELS`](super::QUANTILE_LEVELS), in 1/sr on the scale of
+    /// [`MaterialEstimate::table`]. Without estimated colours, the quantiles are those of the
+    /// luminance times the uniform colour.
+    pub fn quantiles(&self, material: &MaterialEstimate) -> [Vec<Vec<f32>>; 3] {
         let field = self.field();
         match self {
             Self::Estimate(found) => [0, 1, 2].map(|c| material.channel_quantiles(&found.draws, c)),

@@ -1,7 +1,7 @@
 //! One material from several photographs.
 
 use super::material::MaterialDraft;
-use super::{EstimateError, Material};
+use super::{EstimateError, MaterialEstimate};
 use crate::inference::learnt::MaterialPosterior;
 use crate::inference::{Likelihood, ProductError};
 use crate::model::Model;
@@ -11,7 +11,7 @@ use crate::model::Model;
 pub struct Combined {
     /// The material. The measures of a single photograph (filled cells, share out of distribution,
     /// self-shadowing, scatter) are zero.
-    pub material: Material,
+    pub material: MaterialEstimate,
     /// For each photograph, the log odds that it shows the same material as the others rather than
     /// another one; positive if it agrees.
     pub agreement: Vec<f64>,

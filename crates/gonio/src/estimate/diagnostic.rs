@@ -62,9 +62,9 @@ impl fmt::Display for Diagnostic {
         match self {
             Self::Filled(share) => write!(
                 f,
-                "the object lacks many normals of a sphere; gonio interpolated {:.0} % of them, so the true uncertainty \
-                 is larger than the reported one",
-                100.0 * share
+                "the object has only {:.0} % of the normals of a sphere; gonio interpolated the others, so the true \
+                 uncertainty is larger than the reported one",
+                100.0 * (1.0 - share)
             ),
             Self::OutOfDistribution(share) => write!(
                 f,
@@ -129,7 +129,8 @@ impl fmt::Display for Diagnostic {
             ),
             Self::Undetermined(share) => write!(
                 f,
-                "the photograph does not determine {:.0} % of the cells of the BRDF (hatched in uncertainty.png)",
+                "the photograph does not determine {:.0} % of the BRDF (hatched in uncertainty.png); use a light with more \
+                 edges, such as windows and lamps",
                 100.0 * share
             ),
         }

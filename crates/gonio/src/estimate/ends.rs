@@ -4,7 +4,7 @@ use glam::DQuat;
 
 use super::ALBEDO;
 use crate::appearance::Lattice;
-use crate::inference::learnt::peak_to_body;
+use crate::inference::learnt::peak_height;
 use crate::lighting::studio_light;
 use crate::parallel;
 use crate::reflectance::{BivariateTable, CELLS, angles_of};
@@ -42,14 +42,14 @@ pub struct Ends {
     /// Five draws of increasing component, in 1/sr, with albedo [`ALBEDO`].
     pub examples: Vec<BivariateTable>,
     /// Region of the BRDF in which the ends differ most.
-    pub region: Region,
+    pub region: BrdfRegion,
     /// Factor by which they differ there, at least one.
     pub factor: f64,
 }
 
 /// Region of a BRDF.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Region {
+pub enum BrdfRegion {
     /// Half angles below 2 degrees and difference angles below 45.
     Peak,
     /// Half angles of 5 to 20 degrees and difference angles below 45.
@@ -60,7 +60,7 @@ pub enum Region {
     Grazing,
 }
 
-impl Region {
+impl BrdfRegion {
     const ALL: [Self; 4] = [Self::Peak, Self::Haze, Self::Body, Self::Grazing];
 
     /// Returns the name of the region.
@@ -112,7 +112,7 @@ impl Ends {
         let logs: Vec<Vec<f64>> =
             parallel::map(&draws, |t| t.as_slice().iter().map(|v| f64::from(v.max(1e-12)).ln()).collect());
         let mean: Vec<f64> = parallel::map_range(CELLS, |c| logs.iter().map(|l| l[c]).sum::<f64>() / count);
-        let gloss = centred(draws.iter().map(|table| vec![peak_to_body(table).ln()]).collect()).concat();
+        let gloss = centred(draws.iter().map(|table| vec![peak_height(table).ln()]).collect()).concat();
         let scores = first_component(&pictures, &gloss);
         let mut sorted: Vec<usize> = (0..draws.len()).collect();
         sorted.sort_by(|a, b| scores[*a].total_cmp(&scores[*b]));
@@ -128,7 +128,7 @@ impl Ends {
             BivariateTable::from_vec(values).with_normal_albedo(ALBEDO).0
         };
         let tables = [end(0.05), end(0.95)];
-        let ratios = Region::ALL.map(|region| (region, region.log_ratio(&tables).abs()));
+        let ratios = BrdfRegion::ALL.map(|region| (region, region.log_ratio(&tables).abs()));
         let (region, log) = ratios.into_iter().max_by(|a, b| a.1.total_cmp(&b.1)).expect("there are regions");
         let examples = EXAMPLES.map(|share| draws[ranked(share)].with_normal_albedo(ALBEDO).0).to_vec();
         Self { tables, examples, region, factor: log.exp() }
@@ -184,15 +184,15 @@ mod tests {
         let lobes: Vec<BivariateTable> =
             (0..64).map(|i| testing::lobe(0.1, 3.0 * normal(i).exp(), 0.15).with_normal_albedo(ALBEDO).0).collect();
         let ends = Ends::of(&lobes);
-        let want = [6, 57].map(|i| peak_to_body(&lobes[i]));
+        let want = [6, 57].map(|i| peak_height(&lobes[i]));
         for (end, want) in ends.tables.iter().zip(want) {
             assert!((end.normal_albedo() - ALBEDO).abs() < 1e-4);
-            let got = peak_to_body(end);
+            let got = peak_height(end);
             assert!((got / want).ln().abs() < 0.15, "{got} {want}");
         }
         // At equal albedo, a higher peak leaves less to the body, whose logarithm changes most.
-        assert_eq!(ends.region, Region::Body);
-        assert!(ends.examples.windows(2).all(|pair| peak_to_body(&pair[0]) < peak_to_body(&pair[1])));
+        assert_eq!(ends.region, BrdfRegion::Body);
+        assert!(ends.examples.windows(2).all(|pair| peak_height(&pair[0]) < peak_height(&pair[1])));
         let same = Ends::of(&[lobes[0].clone(), lobes[0].clone()]);
         assert!((same.factor - 1.0).abs() < 1e-6);
     }

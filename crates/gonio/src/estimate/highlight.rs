@@ -1,6 +1,6 @@
 //! The highlight of a material in terms that renderers and glossmeters use.
 
-use super::material::{ALBEDO, Material};
+use super::material::{ALBEDO, MaterialEstimate};
 use crate::gloss::{GgxWidths, Glossmeter};
 use crate::inference::learnt::MaterialPosterior;
 use crate::reflectance::trusted_cells;
@@ -119,16 +119,16 @@ impl Highlight {
     }
 }
 
-impl Material {
+impl MaterialEstimate {
     /// Returns the ratio between the ends of the 90 % interval of the peak, relative to the body.
     pub fn peak_factor(&self) -> f64 {
-        self.peak_to_body[2] / self.peak_to_body[0].max(1e-300)
+        self.peak_height[2] / self.peak_height[0].max(1e-300)
     }
 
     /// Returns the share (0..=1) of the trusted cells whose 90 % interval spans more than `factor`.
     ///
-    /// This measures the interval itself, whereas [`Material::undetermined_share`] compares it with
-    /// the interval without the photograph.
+    /// This measures the interval itself, whereas [`MaterialEstimate::undetermined_share`] compares
+    /// it with the interval without the photograph.
     pub fn wider_than(&self, factor: f64) -> f64 {
         let (low, high) = (&self.quantiles[0], &self.quantiles[self.quantiles.len() - 1]);
         let trusted = trusted_cells();
@@ -149,7 +149,7 @@ impl Material {
     pub fn verdict(&self) -> String {
         let [sharp, roughness, dull] = self.highlight.roughness();
         let [_, at_60] = self.highlight.units;
-        let [low, peak, high] = self.peak_to_body.map(two_digits);
+        let [low, peak, high] = self.peak_height.map(two_digits);
         format!(
             "{}: roughness {roughness:.2} ({sharp:.2} to {dull:.2}), peak height {peak} ({low} to {high})",
             in_words(roughness, at_60[1])

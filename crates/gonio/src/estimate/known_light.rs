@@ -7,7 +7,7 @@ use glam::{DQuat, DVec3};
 use super::colouring::{COLOUR_DRAWS, COLOUR_SEED};
 use super::material::MaterialDraft;
 use super::misfit::{MAX_NOISE, MISFIT_WARNING_RATIO};
-use super::{Colouring, ColouringRule, Diagnostic, EstimateError, EstimateStage, Material, MisfitCause};
+use super::{Colouring, ColouringRule, Diagnostic, EstimateError, EstimateStage, MaterialEstimate, MisfitCause};
 use crate::appearance::DiskImage;
 use crate::colour::{Chroma, ColourEstimate, is_grey};
 use crate::inference::known_light::{
@@ -38,9 +38,9 @@ const BRIGHTER: f64 = 1.2;
 #[derive(Clone, Debug)]
 pub struct KnownLightEstimate {
     /// Material of the object, in luminance, of albedo [`ALBEDO`](super::ALBEDO).
-    pub material: Material,
-    /// Factor from [`Material::table`] to reflectance on the scale of photograph and light. The
-    /// albedo on this scale is absolute if both have the same exposure.
+    pub material: MaterialEstimate,
+    /// Factor from [`MaterialEstimate::table`] to reflectance on the scale of photograph and light.
+    /// The albedo on this scale is absolute if both have the same exposure.
     pub exposure: f64,
     /// Standard deviation of the independent error of the logarithm of the image.
     pub noise: f64,

@@ -5,7 +5,7 @@ use super::{Colouring, ColouringRule, Diagnostic, Ends, EstimateError, Highlight
 use crate::appearance::{DiskImage, fineness};
 use crate::colour::ChromaField;
 use crate::inference::learnt::{
-    self, LearntPosterior, MaterialPosterior, SphereEquivalent, peak_to_body, to_sphere_equivalent,
+    self, LearntPosterior, MaterialPosterior, SphereEquivalent, peak_height, to_sphere_equivalent,
 };
 use crate::inference::{Embedding, Likelihood};
 use crate::model::Model;
@@ -17,7 +17,7 @@ use crate::transfer::TransferSettings;
 /// illumination does not determine it.
 pub const ALBEDO: f64 = 0.5;
 
-/// Shares of the quantiles in [`Material::quantiles`].
+/// Shares of the quantiles in [`MaterialEstimate::quantiles`].
 pub const QUANTILE_LEVELS: [f64; 4] = [0.05, 0.25, 0.75, 0.95];
 
 /// Number of draws from which the ends are computed.
@@ -25,7 +25,7 @@ const DRAWS: usize = 128;
 
 /// A material with its uncertainty, in luminance.
 #[derive(Clone, Debug)]
-pub struct Material {
+pub struct MaterialEstimate {
     /// The mean of the posterior ([`MaterialPosterior::mean`]), in 1/sr, with a normal albedo of
     /// [`ALBEDO`].
     pub table: BivariateTable,
@@ -40,8 +40,8 @@ pub struct Material {
     pub undetermined_share: f64,
     /// Dull and glossy end of the interval.
     pub ends: Ends,
-    /// 5, 50 and 95 % quantiles of the ratio of the peak to the body, [`peak_to_body`].
-    pub peak_to_body: [f64; 3],
+    /// 5, 50 and 95 % quantiles of the [`peak_height`].
+    pub peak_height: [f64; 3],
     /// The same quantiles of other measures: width of a GGX lobe, gloss units.
     pub highlight: Highlight,
     /// Share of the photograph's features outside their range in the training data
@@ -64,7 +64,7 @@ pub struct Material {
     pub posterior: MaterialPosterior,
 }
 
-impl Material {
+impl MaterialEstimate {
     /// Infers the material from observations.
     ///
     /// `side` is the side of the light grid. It matters only for shapes with self-shadowing or a
@@ -111,7 +111,7 @@ impl Material {
     }
 }
 
-/// Returns draws like [`Material::samples`], given only [`MaterialPosterior::likelihood`].
+/// Returns draws like [`MaterialEstimate::samples`], given only [`MaterialPosterior::likelihood`].
 ///
 /// # Errors
 /// [`EstimateError::NotLearnt`] if the likelihood belongs to another model.
@@ -127,8 +127,8 @@ pub fn draws(
 /// Returns draws from the posterior predictive distribution, each with albedo [`ALBEDO`].
 ///
 /// They include the error of the material coordinates, so their quantiles are approximately
-/// [`Material::quantiles`]. Use them for intervals of quantities that are computed from a BRDF,
-/// such as the radiance in a rendering. The same `seed` gives the same draws.
+/// [`MaterialEstimate::quantiles`]. Use them for intervals of quantities that are computed from a
+/// BRDF, such as the radiance in a rendering. The same `seed` gives the same draws.
 ///
 /// # Errors
 /// [`EstimateError::NotLearnt`] if the likelihood belongs to another model.
@@ -224,7 +224,7 @@ impl<'a> MaterialDraft<'a> {
         Colouring::of_images(model, observations, images.as_ref(), &self.table, rule)
     }
 
-    pub(super) fn describe(self) -> Material {
+    pub(super) fn describe(self) -> MaterialEstimate {
         let posterior = self.posterior;
         let (table, scale) = (self.table, self.scale);
         let rescaled = |values: Vec<f32>| values.into_iter().map(|v| (f64::from(v) * scale) as f32).collect();
@@ -232,18 +232,18 @@ impl<'a> MaterialDraft<'a> {
         let undetermined = posterior.undetermined(self.learnt);
         let trusted: Vec<usize> = trusted_cells().collect();
         let undetermined_share = trusted.iter().filter(|&&c| undetermined[c]).count() as f64 / trusted.len() as f64;
-        let ranking = posterior.ranking(peak_to_body);
+        let ranking = posterior.ranking(peak_height);
         let drawn = learnt::predict(self.learnt, &posterior.likelihood, DRAWS, 1);
         let ends = Ends::of(drawn.as_ref().unwrap_or(&posterior.draws));
         let peak = ranking.quantiles(&[0.05, 0.5, 0.95]);
-        Material {
+        MaterialEstimate {
             table,
             scale,
             quantiles,
             undetermined,
             undetermined_share,
             ends,
-            peak_to_body: [peak[0], peak[1], peak[2]],
+            peak_height: [peak[0], peak[1], peak[2]],
             highlight: Highlight::of(&posterior),
             out_of_distribution: self.out_of_distribution,
             scatter: self.scatter,

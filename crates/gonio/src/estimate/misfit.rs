@@ -1,6 +1,6 @@
 //! Expected residual of the photograph, given light and material.
 
-use super::{Diagnostic, Light, Material};
+use super::{Diagnostic, Light, MaterialEstimate};
 
 /// The most probable cause of a misfit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -16,9 +16,9 @@ pub enum MisfitCause {
 
 /// Residual that a light of 32 x 32 texels leaves of a clean simulated photograph.
 ///
-/// It is a function of the logarithm of the [ratio of the peak to the
-/// body](Material::peak_to_body), interpolated linearly. The values are about the 95 % quantile
-/// over left-out materials in left-out lights, from `gonio-eval folds` (docs/trials.md).
+/// It is a function of the logarithm of the [peak height](MaterialEstimate::peak_height),
+/// interpolated linearly. The values are about the 95 % quantile over left-out
+/// materials in left-out lights, from `gonio-eval folds` (docs/trials.md).
 const RESOLUTION: [(f64, f64); 5] = [(0.0, 0.05), (2.0, 0.08), (5.0, 0.22), (7.0, 0.45), (10.0, 0.45)];
 
 /// Ratio of the misfit to the expected one above which it is reported.
@@ -46,8 +46,8 @@ pub const MAX_MISFIT: f64 = 0.5;
 /// It combines the noise and the detail that the light grid does not resolve. The latter is at most
 /// the fine detail of the photograph; otherwise a wrong shape, mistaken for a sharp highlight,
 /// would raise the expected residual.
-pub fn expected_misfit(material: &Material) -> f64 {
-    expected(material.peak_to_body[1], material.fineness, material.scatter)
+pub fn expected_misfit(material: &MaterialEstimate) -> f64 {
+    expected(material.peak_height[1], material.fineness, material.scatter)
 }
 
 fn expected(gloss: f64, fineness: f64, scatter: f64) -> f64 {
@@ -59,7 +59,7 @@ fn expected(gloss: f64, fineness: f64, scatter: f64) -> f64 {
 }
 
 /// Returns a diagnostic if the misfit is too large.
-pub(super) fn diagnostic(material: &Material, light: &Light) -> Option<Diagnostic> {
+pub(super) fn diagnostic(material: &MaterialEstimate, light: &Light) -> Option<Diagnostic> {
     let (misfit, expected) = (light.misfit, expected_misfit(material));
     let cause = if material.scatter > 0.5 * misfit { MisfitCause::Texture } else { MisfitCause::Geometry };
     (misfit > MISFIT_WARNING_RATIO * expected).then_some(Diagnostic::Misfit { misfit, expected, cause })

@@ -1,6 +1,6 @@
 //! Estimation from observations, by the posterior of materials with the light integrated out.
 //!
-//! [`estimate`] performs all steps. [`MaterialEstimate`] divides them into two: first the material
+//! [`estimate`] performs all steps. [`ColouredMaterial`] divides them into two: first the material
 //! and its colours, then the light. [`estimate_known_light`] uses a known light, [`combine`]
 //! combines several photographs, and [`estimate_regions`] estimates several materials under one
 //! light. The methods of the paper, which estimate basis coefficients, are in the crate
@@ -29,11 +29,11 @@ use chromatic_light::Rows;
 pub use colouring::{Colouring, ColouringRule};
 pub use combine::{Combined, combine};
 pub use diagnostic::Diagnostic;
-pub use ends::{Ends, Region};
+pub use ends::{BrdfRegion, Ends};
 pub use highlight::{Finish, Highlight, WIDE, two_digits};
 pub use known_light::{KnownLightEstimate, estimate_known_light};
 pub use light::{Light, LightEstimator};
-pub use material::{ALBEDO, Material, QUANTILE_LEVELS, draws, predictive_draws};
+pub use material::{ALBEDO, MaterialEstimate, QUANTILE_LEVELS, draws, predictive_draws};
 pub use misfit::{MAX_MISFIT, MisfitCause, NORMAL_REFINEMENT_MISFIT, expected_misfit};
 pub use regions::{RegionEstimate, estimate_regions, irradiance};
 pub use spots::without_misleading_spots;
@@ -71,8 +71,8 @@ impl Default for EstimateSettings {
 #[derive(Clone, Debug)]
 pub struct Estimate {
     /// Material of the object, in luminance.
-    pub material: Material,
-    /// Light, in luminance, on the scale that corresponds to [`Material::table`].
+    pub material: MaterialEstimate,
+    /// Light, in luminance, on the scale that corresponds to [`MaterialEstimate::table`].
     pub light: Light,
     /// Colours of both. The intervals include the chroma residual of the light's colours.
     pub colouring: Colouring,
@@ -106,7 +106,7 @@ impl Estimate {
 }
 
 /// Returns the diagnostics of a material and its light, misfit first.
-pub fn diagnostics(material: &Material, light: &Light) -> Vec<Diagnostic> {
+pub fn diagnostics(material: &MaterialEstimate, light: &Light) -> Vec<Diagnostic> {
     misfit::diagnostic(material, light).into_iter().chain(material.diagnostics()).collect()
 }
 
@@ -194,7 +194,7 @@ pub fn estimate_with_task<T: Send>(
     observations: &Observations,
     settings: &EstimateSettings,
     progress: &(dyn Fn(EstimateStage) + Sync),
-    beside: impl FnOnce(&Material, &Colouring) -> T + Send,
+    beside: impl FnOnce(&MaterialEstimate, &Colouring) -> T + Send,
 ) -> Result<(Estimate, T), EstimateError> {
     settings.check(model)?;
     progress(EstimateStage::Material);
@@ -214,19 +214,19 @@ pub fn estimate_with_task<T: Send>(
     let light = light?;
     progress(EstimateStage::Colours);
     let chromatic_light = rows?.and_then(|rows| rows.under(&colouring, &light));
-    Ok((MaterialEstimate { material, colouring }.under(light, chromatic_light), made))
+    Ok((ColouredMaterial { material, colouring }.under(light, chromatic_light), made))
 }
 
 /// Material and colours of an object, before its light is estimated.
 #[derive(Clone, Debug)]
-pub struct MaterialEstimate {
+pub struct ColouredMaterial {
     /// Material of the object, in luminance.
-    pub material: Material,
+    pub material: MaterialEstimate,
     /// Its colours. The intervals do not include the chroma residual of the light.
     pub colouring: Colouring,
 }
 
-impl MaterialEstimate {
+impl ColouredMaterial {
     /// Estimates material and colours, as the first step of [`estimate`].
     ///
     /// # Errors

@@ -20,14 +20,14 @@ pub struct MixtureSettings {
     /// Number of components, at least 1.
     pub components: usize,
     /// Number of starts; the result with the highest likelihood is kept.
-    pub restarts: usize,
+    pub starts: usize,
     /// Seed of the starts.
     pub seed: u64,
 }
 
 impl Default for MixtureSettings {
     fn default() -> Self {
-        Self { components: 2, restarts: 8, seed: 1 }
+        Self { components: 2, starts: 8, seed: 1 }
     }
 }
 
@@ -136,7 +136,7 @@ impl ScaleMixture {
         let mut rng = rand_pcg::Pcg64::seed_from_u64(settings.seed);
         let n = settings.components.max(1);
         let smallest_positive = magnitudes.iter().find(|m| m.0 > 0.0).map_or(1.0, |m| m.0);
-        let (_, mut best) = (0..settings.restarts.max(1))
+        let (_, mut best) = (0..settings.starts.max(1))
             .map(|restart| {
                 // Variances start at evenly spread quantiles of the squares; later starts jitter
                 // the quantiles.

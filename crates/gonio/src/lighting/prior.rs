@@ -139,14 +139,14 @@ pub enum PriorError {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PriorSettings {
     /// Number of starts of each mixture fit.
-    pub restarts: usize,
+    pub starts: usize,
     /// Seed of the starts.
     pub seed: u64,
 }
 
 impl Default for PriorSettings {
     fn default() -> Self {
-        Self { restarts: 8, seed: 1 }
+        Self { starts: 8, seed: 1 }
     }
 }
 
@@ -200,8 +200,7 @@ impl LightPrior {
             let threshold = (low - gap).clamp(-dc, -1e-3 * dc);
             return RectifiedGaussian::fit(samples, threshold).map(CoefficientPrior::Rectified).ok_or_else(flat);
         }
-        let settings =
-            MixtureSettings { components: group.components(), restarts: settings.restarts, seed: settings.seed };
+        let settings = MixtureSettings { components: group.components(), starts: settings.starts, seed: settings.seed };
         ScaleMixture::fit(samples, &settings).map(CoefficientPrior::Mixture).ok_or_else(flat)
     }
 

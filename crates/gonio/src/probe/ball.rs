@@ -4,7 +4,7 @@ use glam::DVec3;
 
 use super::ProbeError;
 use crate::picture::{Picture, Plane};
-use crate::scene::{Circle, Object, SceneError, find_ball, outline_of_ball, outlined};
+use crate::scene::{Circle, ObjectShape, SceneError, find_ball, outline_of_ball, outlined};
 use crate::shape::{Camera, Ellipsoid, Projection, Surface};
 
 /// Smallest radius of a ball, in pixels: a smaller one does not show enough of its surroundings.
@@ -77,11 +77,11 @@ impl MirrorBall {
     ///
     /// # Errors
     /// Errors of the outline; [`ProbeError::NotABall`] for another object.
-    pub(super) fn find(picture: &Picture, mask: Option<&Plane<f32>>, object: &Object) -> Result<Self, ProbeError> {
+    pub(super) fn find(picture: &Picture, mask: Option<&Plane<f32>>, object: &ObjectShape) -> Result<Self, ProbeError> {
         match object {
-            Object::Sphere(Some(circle)) => Self::of_circle(*circle, picture.rgb.size()),
-            Object::Sphere(None) => Self::of_circle(outline_of_ball(picture, mask)?.0, picture.rgb.size()),
-            Object::Ball(camera) => {
+            ObjectShape::Sphere(Some(circle)) => Self::of_circle(*circle, picture.rgb.size()),
+            ObjectShape::Sphere(None) => Self::of_circle(outline_of_ball(picture, mask)?.0, picture.rgb.size()),
+            ObjectShape::Ball(camera) => {
                 let ball = find_ball(&outlined(picture, mask)?, camera)?;
                 Self::new(*camera, ball.centre(), ball.first_axis())
             }

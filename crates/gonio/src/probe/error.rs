@@ -18,7 +18,7 @@ pub enum ProbeError {
     NotABall,
     /// The ball shows too few directions.
     #[error(
-        "the ball shows only {:.0} % of all directions, {:.0} % are required; check that the mask or circle lies on \
+        "the ball shows only {:.0} % of all directions, but at least {:.0} % are required; check that the mask or circle lies on \
          the ball",
         100.0 * .share,
         100.0 * .min

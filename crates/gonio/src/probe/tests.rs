@@ -7,7 +7,7 @@ use glam::{DQuat, DVec3, Vec3};
 use super::*;
 use crate::lighting::{lamp_light, studio_light};
 use crate::picture::Picture;
-use crate::scene::{Circle, Object, SceneError};
+use crate::scene::{Circle, ObjectShape, SceneError};
 use crate::shape::{Camera, Projection};
 use crate::sphere::direction_of_lat_long;
 
@@ -50,7 +50,7 @@ fn near() -> (MirrorBall, Camera) {
     (MirrorBall::new(camera, DVec3::new(0.02, 0.03, -1.0), 0.19).unwrap(), camera)
 }
 
-fn view(picture: &Picture, object: &Object) -> View {
+fn view(picture: &Picture, object: &ObjectShape) -> View {
     View::of(picture, None, object, None).unwrap()
 }
 
@@ -82,16 +82,16 @@ fn error(probe: &Probe, light: Light<'_>, least_seen: f32) -> f64 {
 #[test]
 fn the_map_equals_the_light() {
     let picture = photograph(&far(), SIZE, &rippled, 0.0, 3);
-    let found = probe(&view(&picture, &Object::Sphere(None)), None, &settings(128)).unwrap();
+    let found = probe(&view(&picture, &ObjectShape::Sphere(None)), None, &settings(128)).unwrap();
     let orthographic = error(&found, &rippled, 1.0);
     let (ball, camera) = near();
     let picture = photograph(&ball, SIZE, &rippled, 0.0, 3);
-    let before = view(&picture, &Object::Ball(camera));
+    let before = view(&picture, &ObjectShape::Ball(camera));
     let found_near = probe(&before, None, &settings(128)).unwrap();
     let perspective = error(&found_near, &rippled, 1.0);
     assert!(orthographic < 0.01 && perspective < 0.01, "{orthographic} {perspective}");
     assert!(found.report.unseen < 0.05 && found_near.report.unseen < 0.16);
-    assert!(view(&picture, &Object::Ball(camera)).warnings().is_empty());
+    assert!(view(&picture, &ObjectShape::Ball(camera)).warnings().is_empty());
     // The radius in pixels determines the default number of rows.
     let own = probe(&before, None, &ProbeSettings { rows: None, ..settings(8) }).unwrap();
     assert_eq!(own.light.radiance().size(), (256, 128));
@@ -111,7 +111,7 @@ fn lamps_keep_their_position_and_flux() {
         DVec3::splat(0.01) + lamps.iter().map(|(at, colour)| lamp(d, *at, radius, 1e3 * *colour)).sum::<DVec3>()
     };
     let (near, camera) = near();
-    for (ball, object) in [(far(), Object::Sphere(None)), (near, Object::Ball(camera))] {
+    for (ball, object) in [(far(), ObjectShape::Sphere(None)), (near, ObjectShape::Ball(camera))] {
         let picture = photograph(&ball, SIZE, &light, 0.0, 16);
         for rows in [32, 128, 256] {
             let found = probe(&view(&picture, &object), None, &settings(rows)).unwrap();
@@ -155,9 +155,9 @@ fn two_views_cover_the_sphere_and_determine_their_turn() {
         let first = photograph(&far(), SIZE, &with(DVec3::Z), 0.0, 3);
         let mut second = photograph(&far(), SIZE, &with(eye), turn, 3);
         second.rgb = second.rgb.map(|v| 0.8 * *v);
-        let first = view(&first, &Object::Sphere(None));
+        let first = view(&first, &ObjectShape::Sphere(None));
         let pair = |turn| {
-            let second = SecondView { view: view(&second, &Object::Sphere(None)), azimuth: turn };
+            let second = SecondView { view: view(&second, &ObjectShape::Sphere(None)), azimuth: turn };
             probe(&first, Some(&second), &settings(128)).unwrap()
         };
         let (found, given, alone) = (pair(None), pair(Some(turn)), probe(&first, None, &settings(128)).unwrap());
@@ -181,7 +181,7 @@ fn two_views_cover_the_sphere_and_determine_their_turn() {
 fn rejects_views_of_a_rotationally_symmetric_light() {
     let banded = |d: DVec3| DVec3::splat(1.5 + (9.0 * d.y).sin());
     let [first, second] = [0.0, 1.2].map(|turn| photograph(&far(), SIZE, &banded, turn, 1));
-    let [first, second] = [first, second].map(|picture| view(&picture, &Object::Sphere(None)));
+    let [first, second] = [first, second].map(|picture| view(&picture, &ObjectShape::Sphere(None)));
     let refused = probe(&first, Some(&SecondView { view: second, azimuth: None }), &settings(64)).err().unwrap();
     assert!(matches!(refused, ProbeError::AmbiguousAzimuth { .. }), "{refused}");
     assert_eq!(refused.suggestions(), [crate::suggestion::Suggestion::SecondAzimuth]);
@@ -195,7 +195,7 @@ fn warns_of_clipped_faulty_and_matte_pictures() {
     for x in 100..105 {
         picture.rgb[(x, 90)] = Vec3::NAN;
     }
-    let clipped = view(&picture, &Object::Sphere(None));
+    let clipped = view(&picture, &ObjectShape::Sphere(None));
     let warnings = clipped.warnings();
     assert!(
         matches!(warnings[..], [ProbeWarning::Clipped { clipped, .. }, ProbeWarning::Faulty { faulty: 5, .. }] if clipped > 5000),
@@ -211,35 +211,35 @@ fn warns_of_clipped_faulty_and_matte_pictures() {
         let seen = ball.reflection_at((x as f64 + 0.5, y as f64 + 0.5));
         Vec3::splat(seen.map_or(0.0, |seen| shade(seen.normal) as f32))
     });
-    let matte = view(&Picture { rgb, alpha: None }, &Object::Sphere(None)).warnings();
+    let matte = view(&Picture { rgb, alpha: None }, &ObjectShape::Sphere(None)).warnings();
     assert!(matches!(matte[..], [ProbeWarning::Matte(share)] if share > 0.97), "{matte:?}");
     for light in [lamp_light(128), studio_light(128)] {
         let picture = photograph(&ball, SIZE, &|d| light.at(d).as_dvec3(), 0.0, 1);
-        assert_eq!(view(&picture, &Object::Sphere(None)).warnings(), []);
+        assert_eq!(view(&picture, &ObjectShape::Sphere(None)).warnings(), []);
     }
 }
 
 #[test]
 fn rejects_invalid_settings_and_pictures() {
     let picture = photograph(&far(), SIZE, &rippled, 0.0, 1);
-    let seen = view(&picture, &Object::Sphere(None));
+    let seen = view(&picture, &ObjectShape::Sphere(None));
     for rows in [0, 7, 100, 8192] {
         assert!(matches!(probe(&seen, None, &settings(rows)), Err(ProbeError::Rows { .. })), "{rows}");
     }
-    let second = SecondView { view: view(&picture, &Object::Sphere(None)), azimuth: Some(f64::NAN) };
+    let second = SecondView { view: view(&picture, &ObjectShape::Sphere(None)), azimuth: Some(f64::NAN) };
     assert_eq!(probe(&seen, Some(&second), &settings(64)).err(), Some(ProbeError::Angle));
     let black = Picture { rgb: picture.rgb.map(|_| Vec3::ZERO), ..picture.clone() };
-    let black = probe(&view(&black, &Object::Sphere(None)), None, &settings(64));
+    let black = probe(&view(&black, &ObjectShape::Sphere(None)), None, &settings(64));
     assert_eq!(black.err(), Some(ProbeError::Black));
-    let aside = Object::Sphere(Some(Circle { x: -80.0, y: 128.0, radius: 100.0 }));
+    let aside = ObjectShape::Sphere(Some(Circle { x: -80.0, y: 128.0, radius: 100.0 }));
     let outside = View::of(&Picture { alpha: None, ..picture.clone() }, None, &aside, None).unwrap();
     assert!(matches!(probe(&outside, None, &settings(64)), Err(ProbeError::TooLittle { .. })));
     let full = Picture { rgb: picture.rgb.map(|v| *v + Vec3::splat(0.1)), alpha: None };
     let wavy = Plane::from_fn(64, 64, |x, y| Vec3::splat((1 + x + 100 * y) as f32));
-    let refused = View::of(&Picture { rgb: wavy, alpha: None }, None, &Object::Sphere(None), None).err().unwrap();
+    let refused = View::of(&Picture { rgb: wavy, alpha: None }, None, &ObjectShape::Sphere(None), None).err().unwrap();
     assert_eq!(refused, ProbeError::Scene(SceneError::NoOutline));
     let mask = Plane::from_fn(3, 3, |_, _| 1.0);
-    let sizes = View::of(&full, Some(&mask), &Object::Sphere(None), None).err().unwrap();
+    let sizes = View::of(&full, Some(&mask), &ObjectShape::Sphere(None), None).err().unwrap();
     assert!(matches!(sizes, ProbeError::Scene(SceneError::Sizes { .. })), "{sizes}");
-    assert_eq!(View::of(&picture, None, &Object::Ellipsoid(None), None).err(), Some(ProbeError::NotABall));
+    assert_eq!(View::of(&picture, None, &ObjectShape::Ellipsoid(None), None).err(), Some(ProbeError::NotABall));
 }

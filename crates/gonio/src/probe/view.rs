@@ -6,7 +6,7 @@ use super::ball::MirrorBall;
 use super::unwrap::CAMERA;
 use super::{ProbeError, Reflectance};
 use crate::picture::{Picture, Plane};
-use crate::scene::{COVERED, Object, PixelStatus, check_size, clip_level, is_clipped};
+use crate::scene::{COVERED, ObjectShape, PixelStatus, check_size, clip_level, is_clipped};
 
 /// Width of the ignored rim, in pixels: pixels there mix the ball with its background.
 const RIM_WIDTH: f64 = 1.5;
@@ -40,11 +40,12 @@ impl View {
     ///
     /// # Errors
     /// Errors of the outline if it must be detected; a mask of another size;
-    /// [`ProbeError::NotABall`] if the object is neither [`Object::Sphere`] nor [`Object::Ball`].
+    /// [`ProbeError::NotABall`] if the object is neither [`ObjectShape::Sphere`] nor
+    /// [`ObjectShape::Ball`].
     pub fn of(
         picture: &Picture,
         mask: Option<&Plane<f32>>,
-        object: &Object,
+        object: &ObjectShape,
         clip: Option<f32>,
     ) -> Result<Self, ProbeError> {
         let (width, height) = picture.rgb.size();

@@ -121,7 +121,7 @@ impl ChartReading {
         if !corners.iter().all(within) {
             return Err(ReferenceError::Outside { size });
         }
-        let measured = ORDERS.into_iter().filter_map(|order| Measured::of(rgb, order.map(|i| corners[i]), clipping));
+        let measured = ORDERS.into_iter().filter_map(|order| PatchColour::of(rgb, order.map(|i| corners[i]), clipping));
         let best =
             measured.max_by(|a, b| a.fit.correlation.total_cmp(&b.fit.correlation)).ok_or(ReferenceError::Corners)?;
         best.check(tolerance)?;
@@ -158,7 +158,7 @@ const ORDERS: [[usize; 4]; 8] =
     [[0, 1, 2, 3], [1, 2, 3, 0], [2, 3, 0, 1], [3, 0, 1, 2], [3, 2, 1, 0], [2, 1, 0, 3], [1, 0, 3, 2], [0, 3, 2, 1]];
 
 /// Patches measured for one order of the corners.
-struct Measured {
+struct PatchColour {
     corners: [DVec2; 4],
     pose: DMat3,
     /// Number of patches with positive values that are not clipped.
@@ -167,12 +167,12 @@ struct Measured {
     clipped: usize,
     /// Number of uniform patches.
     uniform: usize,
-    fit: Fit,
+    fit: ChartFit,
 }
 
 /// Light on the neutral patches, and deviations of all patches from the published colours.
 #[derive(Clone, Copy, Debug)]
-struct Fit {
+struct ChartFit {
     white: DVec3,
     log_sd: f64,
     correlation: f64,
@@ -182,7 +182,7 @@ struct Fit {
     neutral_patches: usize,
 }
 
-impl Measured {
+impl PatchColour {
     /// Measures the patches; `None` if the corners are degenerate.
     fn of(rgb: &Plane<Vec3>, corners: [DVec2; 4], clipping: Clipping) -> Option<Self> {
         let pose = fit(&CHART_CORNERS.into_iter().zip(corners).collect::<Vec<_>>())?;
@@ -200,7 +200,7 @@ impl Measured {
             usable: colours.iter().flatten().count(),
             clipped: patches.iter().filter(|patch| is_clipped(patch)).count(),
             uniform: patches.iter().filter(|patch| patch.usable > 0 && patch.variation <= MAX_VARIATION).count(),
-            fit: Fit::of(&colours),
+            fit: ChartFit::of(&colours),
         })
     }
 
@@ -236,7 +236,7 @@ impl Measured {
     }
 }
 
-impl Fit {
+impl ChartFit {
     /// Compares the colours of the patches, row by row, with the published ones.
     ///
     /// Patches that are not usable are `None`. Without usable patches, all deviations are infinite

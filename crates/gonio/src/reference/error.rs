@@ -21,7 +21,7 @@ pub enum ReferenceError {
     },
     /// Too few pixels of the reference can be used.
     #[error(
-        "the reference has only {pixels} usable pixels, {least} are required; mark a larger \
+        "the reference has only {pixels} usable pixels, but at least {least} are required; mark a larger \
          part of it, or use a larger image"
     )]
     TooFewPixels {
@@ -102,7 +102,7 @@ pub enum ReferenceError {
     Corners,
     /// The patches are too small.
     #[error(
-        "the patches of the colour chart are only {pitch:.1} pixels apart, {least} are required; use a larger image"
+        "the patches of the colour chart are only {pitch:.1} pixels apart, but at least {least} are required; use a larger image"
     )]
     SmallChart {
         /// Distance of neighbouring patches, in pixels.

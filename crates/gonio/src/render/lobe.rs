@@ -35,10 +35,10 @@ impl SamplerSettings {
 }
 
 /// Smallest number of half vectors in a ring.
-const FEWEST: f64 = 6.0;
+const MIN_RING_NODES: f64 = 6.0;
 
 /// Typical cosine of the difference angle, used to choose footprints.
-const TYPICAL: f64 = 0.8;
+const TYPICAL_COS_DIFFERENCE: f64 = 0.8;
 
 /// Ratio of footprints to the solid angle of their half vectors, outside narrow lobes.
 ///
@@ -52,7 +52,7 @@ const RING_STEPS: usize = 12;
 const INTERVALS: usize = 720;
 
 /// Change of the log reflectance over a lamp above which the lamp is not treated as a point.
-const NARROW: f64 = 0.25;
+const MIN_LAMP_CHANGE: f64 = 0.25;
 
 /// Largest half angle (radians) at which rings may sample lamps.
 const LAMP_HALF_ANGLE: f64 = 0.14;
@@ -168,7 +168,7 @@ impl HalfVectorSampler {
         let total: f64 = steps.iter().map(|s| s.1).sum();
         let theta_h = steps.iter().map(|(root, w)| angle(*root) * w).sum::<f64>() / total;
         let wanted = TAU * theta_h.sin() / (angle(high) - angle(low));
-        let spokes = wanted.clamp(FEWEST, FEWEST.max(most as f64)).round() as usize;
+        let spokes = wanted.clamp(MIN_RING_NODES, MIN_RING_NODES.max(most as f64)).round() as usize;
         let solid_angle = TAU * total / spokes as f64;
         let points = ramp(theta_h.to_degrees() as f32, self.near);
         let first = self.halves.len();
@@ -182,7 +182,10 @@ impl HalfVectorSampler {
             first,
             end: first + spokes,
             solid_angle: solid_angle as f32,
-            level: level(self.side, 4.0 * TYPICAL * solid_angle * if points >= 1.0 { OVERLAP } else { 1.0 }),
+            level: level(
+                self.side,
+                4.0 * TYPICAL_COS_DIFFERENCE * solid_angle * if points >= 1.0 { OVERLAP } else { 1.0 },
+            ),
             points,
         });
         let row = self.row();
@@ -365,7 +368,7 @@ fn near(envelope: &BivariateTable, texel: f64) -> (f32, f32) {
     let step = 0.5 * texel;
     let changes = |theta: f64| {
         let (here, there) = (envelope.eval(theta, theta_d), envelope.eval(theta + step, theta_d));
-        (here.max(1e-300) / there.max(1e-300)).ln().abs() > NARROW
+        (here.max(1e-300) / there.max(1e-300)).ln().abs() > MIN_LAMP_CHANGE
     };
     let angles = (0..=100).map(|i| LAMP_HALF_ANGLE * f64::from(i) / 100.0);
     angles.filter(|theta| changes(*theta)).fold((0.0, 0.0), |_, theta| {

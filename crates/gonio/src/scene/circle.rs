@@ -46,7 +46,7 @@ pub(crate) struct DetectedCircle {
     /// Whether the ball touches the border of the picture.
     pub cropped: bool,
     /// Number of covered pixels that are not part of the ball.
-    pub specks: usize,
+    pub outside_ball: usize,
 }
 
 /// Detects the outline of an orthographic ball in a mask or an alpha channel.
@@ -112,7 +112,7 @@ pub(crate) fn find_sphere(coverage: &Plane<f32>) -> Result<DetectedCircle, Scene
         rim: fit.near.len(),
         stray,
         cropped,
-        specks: coverage.as_slice().iter().zip(ball.as_slice()).filter(|&(&c, &b)| c >= 0.5 && !b).count(),
+        outside_ball: coverage.as_slice().iter().zip(ball.as_slice()).filter(|&(&c, &b)| c >= 0.5 && !b).count(),
     })
 }
 
@@ -244,7 +244,7 @@ mod tests {
             mask[(x, y)] = if x == 40 { f32::NAN } else { 0.0 };
         }
         let found = check(&mask, (60.3, 55.8), 41.7, 0.02);
-        assert_eq!((found.specks, found.stray), (4, 0));
+        assert_eq!((found.outside_ball, found.stray), (4, 0));
         for y in 95..128 {
             for x in 55..63 {
                 mask[(x, y)] = 1.0;

@@ -52,13 +52,13 @@ pub struct OutlineReliability {
 impl std::fmt::Display for OutlineReliability {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let Self { support, runner_up: rival, standard_error: error } = self;
-        write!(f, "detected by its edges, which cover {:.0} % of its outline", 100.0 * support)?;
+        write!(f, "detected by its edges, along {:.0} % of its outline", 100.0 * support)?;
         match error {
             error if error.is_finite() => write!(f, ", standard error {error:.1} pixels")?,
             _ => write!(f, ", unknown standard error")?,
         }
         if *rival > 0.0 {
-            write!(f, ", relative weight of the next candidate circle {:.0} %", 100.0 * rival)?;
+            write!(f, ", score of the second-best circle {:.0} % of the best", 100.0 * rival)?;
         }
         Ok(())
     }

@@ -35,9 +35,9 @@ pub struct PositionMap {
     pub camera: Camera,
 }
 
-/// Prior knowledge of an object's shape and position.
+/// Shape of an object, as far as it is known before the detection.
 #[derive(Clone)]
-pub enum Object {
+pub enum ObjectShape {
     /// A distant ball with its outline; `None` detects the outline.
     Sphere(Option<Circle>),
     /// A ball in front of a camera; its outline gives its position.
@@ -51,19 +51,19 @@ pub enum Object {
     /// A surface in front of a camera.
     Surface(PosedSurface),
     /// Any shape, given by a normal map.
-    Normals(Arc<NormalPicture>),
+    Normals(Arc<NormalMap>),
 }
 
-/// A normal map with its camera and relief.
+/// A normal map with its camera and positions.
 #[derive(Clone)]
-pub struct NormalPicture {
+pub struct NormalMap {
     /// The normals, in camera space: x right, y up, z towards the camera; `ZERO` or not finite
     /// where there is no normal.
     pub normals: Plane<Vec3>,
     /// The camera; `None` for an orthographic one.
     pub camera: Option<Camera>,
     /// Positions of the surface, for its self-shadowing.
-    pub relief: Option<PositionMap>,
+    pub positions: Option<PositionMap>,
     /// Whether to skip the consistency checks of the normals.
     pub trusted: bool,
     /// Expected error of the normals, in radians; zero for measured normals.
@@ -86,7 +86,7 @@ pub enum DetectedShape {
     Outline(f64),
     /// A given surface.
     Surface,
-    /// Given normals, and the defects of their relief.
+    /// Given normals, and the defects of their positions.
     Normals(Option<MeshDefects>),
 }
 
@@ -140,7 +140,7 @@ impl Detection {
     pub fn of(
         picture: &Picture,
         mask: Option<Plane<f32>>,
-        object: Object,
+        object: ObjectShape,
         settings: &ObservationSettings,
     ) -> Result<Self, SceneError> {
         let size = picture.rgb.size();
@@ -151,17 +151,17 @@ impl Detection {
         let detector = |coverage| Detector { picture, coverage, masked, settings };
         let known = || detector(coverage_of(picture, mask.as_ref()));
         let mut detection = match object {
-            Object::Sphere(Some(circle)) => {
+            ObjectShape::Sphere(Some(circle)) => {
                 let mut detection = known().circle(circle)?;
                 let corrected = corrected(&picture.rgb, &circle);
                 detection.scene_warnings.extend(corrected.map(SceneWarning::Outline));
                 detection
             }
-            Object::Sphere(None) => {
+            ObjectShape::Sphere(None) => {
                 let ball = detect_ball(picture, mask.as_ref())?;
                 Detection { reliability: ball.reliability, ..detector(ball.coverage).circle(ball.circle)? }
             }
-            Object::Ball(camera) => {
+            ObjectShape::Ball(camera) => {
                 let coverage = outlined(picture, mask.as_ref())?;
                 let ball = find_ball(&coverage, &camera)?;
                 let detector = detector(Some(coverage));
@@ -170,7 +170,7 @@ impl Detection {
                     DetectedShape::Ball(ball.centre()),
                 )?
             }
-            Object::Ellipsoid(given) => {
+            ObjectShape::Ellipsoid(given) => {
                 let coverage = outlined(picture, mask.as_ref())?;
                 let ellipse = find_ellipse(&coverage)?;
                 let depth = given.unwrap_or((ellipse.axes.0 * ellipse.axes.1).sqrt());
@@ -186,9 +186,9 @@ impl Detection {
                 }
                 detection
             }
-            Object::Outline => detector(Some(outlined(picture, mask.as_ref())?)).inflated()?,
-            Object::Surface(placed) => known().surface(placed, DetectedShape::Surface)?,
-            Object::Normals(view) => known().normals(Arc::unwrap_or_clone(view))?,
+            ObjectShape::Outline => detector(Some(outlined(picture, mask.as_ref())?)).inflated()?,
+            ObjectShape::Surface(placed) => known().surface(placed, DetectedShape::Surface)?,
+            ObjectShape::Normals(view) => known().normals(Arc::unwrap_or_clone(view))?,
         };
         let report = &detection.observations.report;
         if report.clipped_pixels > 0 {
@@ -204,9 +204,9 @@ impl Detection {
         if outliers as f64 > FEW_OUTLIERS * observed as f64 {
             detection.scene_warnings.push(SceneWarning::Outliers { outliers, observed });
         }
-        let isolated = detection.observations.report.isolated;
-        if isolated > 0 {
-            detection.scene_warnings.push(SceneWarning::Isolated { isolated, observed });
+        let pixels = detection.observations.report.possible_outliers;
+        if pixels > 0 {
+            detection.scene_warnings.push(SceneWarning::PossibleOutliers { pixels, observed });
         }
         detection.scene_warnings.extend(SceneWarning::of_paint(&detection.observations.report));
         Ok(detection)
@@ -244,8 +244,8 @@ impl Detection {
     }
 
     /// Refines inaccurate normals by the brightness of the pixels. Normals are inaccurate if they
-    /// are inflated from an outline, or if their map has an [error](NormalPicture::error) and no
-    /// relief.
+    /// are inflated from an outline, or if their map has an [error](NormalMap::error) and no
+    /// positions.
     ///
     /// Use it if the misfit of an estimate shows that the normals are wrong
     /// ([`NORMAL_REFINEMENT_MISFIT`](crate::estimate::NORMAL_REFINEMENT_MISFIT)), and keep the

@@ -23,32 +23,32 @@ const MIN_COARSE_RADIUS: f32 = 6.0;
 /// Largest radius of a circle, as a share of the shorter side.
 const MAX_SHARE: f32 = 0.6;
 /// Ratio of neighbouring radii in the grid of circles.
-const GROWTH: f32 = 1.05;
+const RADIUS_RATIO: f32 = 1.05;
 /// Distance between neighbouring centres in the grid of circles, in pixels.
-const APART: usize = 2;
+const CENTRE_DISTANCE: usize = 2;
 /// Number of directions along a circle.
 const DIRECTIONS: usize = 64;
 /// Number of directions after which a circle of low score is discarded.
-const FIRST: usize = 16;
+const FIRST_DIRECTIONS: usize = 16;
 /// Smallest score of a circle of the grid.
-const PROMISING: f32 = 0.15;
+const MIN_GRID_SCORE: f32 = 0.15;
 /// Smallest score of a refined circle.
 const MIN_SCORE: f32 = 0.25;
 /// Largest number of circles of the grid that are refined.
-const CLOSER: usize = 400;
+const MAX_REFINED: usize = 400;
 /// Number of circles around a candidate that are also tried.
-const AROUND: usize = 8;
+const NEIGHBOUR_CIRCLES: usize = 8;
 /// Offset of these circles, as a share of the radius: shading within a ball produces circles that
 /// touch its rim.
-const NEARBY: f32 = 0.1;
+const NEIGHBOUR_OFFSET: f32 = 0.1;
 /// Largest difference of two circles that count as the same, as a share of the radius.
 const SAME_CIRCLE: f32 = 0.2;
 /// Smallest product of an edge that supports a circle: within 30 degrees of its tangent.
-const SUPPORTS: f32 = 0.5;
+const MIN_EDGE_PRODUCT: f32 = 0.5;
 /// Strength of an edge that exceeds noise: squared change of the compressed values per pixel.
-const FAINT: f32 = 2e-5;
+const MIN_EDGE_STRENGTH: f32 = 2e-5;
 /// Share of the mean edge strength added to the denominator that normalises each edge.
-const TEXTURE: f32 = 0.25;
+const MEAN_STRENGTH_SHARE: f32 = 0.25;
 /// Distance from a rim within which edges belong to its circle, in pixels of the coarse scale.
 const RIM_DISTANCE: f32 = 2.5;
 
@@ -150,11 +150,13 @@ impl Ring {
 
     /// Iterates over the circle and shifted and enlarged ones, which it may touch from within.
     fn around(self) -> impl Iterator<Item = Self> {
-        let turned = move |i: usize| NEARBY * self.radius * Vec2::from_angle(TAU * i as f32 / AROUND as f32);
-        let off = std::iter::once(Vec2::ZERO).chain((0..AROUND).map(turned));
+        let turned = move |i: usize| {
+            NEIGHBOUR_OFFSET * self.radius * Vec2::from_angle(TAU * i as f32 / NEIGHBOUR_CIRCLES as f32)
+        };
+        let off = std::iter::once(Vec2::ZERO).chain((0..NEIGHBOUR_CIRCLES).map(turned));
         off.flat_map(move |off| {
             let sized = move |by| Self { x: self.x + off.x, y: self.y + off.y, radius: self.radius * by, ..self };
-            [1.0, 1.0 + NEARBY].map(sized)
+            [1.0, 1.0 + NEIGHBOUR_OFFSET].map(sized)
         })
     }
 
@@ -186,7 +188,8 @@ pub(super) fn distinct<T>(of: Vec<T>, most: usize, ring: impl Fn(&T) -> &Ring) -
 /// Dominant edge orientation of each pixel, as a vector in doubled angles.
 struct Field {
     edges: Plane<Vec2>,
-    /// Directions and their doubled-angle vectors; the first [`FIRST`] are spread evenly.
+    /// Directions, and vectors of twice their angles; the first [`FIRST_DIRECTIONS`] are
+    /// evenly spread.
     directions: Vec<(Vec2, Vec2)>,
 }
 
@@ -194,9 +197,9 @@ impl Field {
     fn of(values: &Plane<Vec3>) -> Self {
         let tensors = smoothed(&Plane::from_fn(values.width(), values.height(), |x, y| tensor(values, x, y)));
         let typical = tensors.as_slice().iter().map(|t| t.z).sum::<f32>() / tensors.as_slice().len().max(1) as f32;
-        let edges = tensors.map(|t| t.truncate() / (t.z + TEXTURE * typical + FAINT));
+        let edges = tensors.map(|t| t.truncate() / (t.z + MEAN_STRENGTH_SHARE * typical + MIN_EDGE_STRENGTH));
         let direction = |i: usize| {
-            let turned = (i % FIRST) * (DIRECTIONS / FIRST) + i / FIRST;
+            let turned = (i % FIRST_DIRECTIONS) * (DIRECTIONS / FIRST_DIRECTIONS) + i / FIRST_DIRECTIONS;
             let angle = TAU * (turned as f32 + 0.5) / DIRECTIONS as f32;
             (Vec2::from_angle(angle), Vec2::from_angle(2.0 * angle))
         };
@@ -234,7 +237,7 @@ impl Field {
     }
 
     fn support(&self, ring: &Ring) -> f64 {
-        let supports = self.products(ring, 0..DIRECTIONS).filter(|product| *product >= SUPPORTS);
+        let supports = self.products(ring, 0..DIRECTIONS).filter(|product| *product >= MIN_EDGE_PRODUCT);
         supports.count() as f64 / DIRECTIONS as f64
     }
 
@@ -244,25 +247,26 @@ impl Field {
     fn best(&self) -> Vec<Ring> {
         let (width, height) = self.edges.size();
         let most = MAX_SHARE * width.min(height) as f32;
-        let radii: Vec<f32> =
-            std::iter::successors(Some(MIN_COARSE_RADIUS), |r| Some(r * GROWTH)).take_while(|r| *r <= most).collect();
+        let radii: Vec<f32> = std::iter::successors(Some(MIN_COARSE_RADIUS), |r| Some(r * RADIUS_RATIO))
+            .take_while(|r| *r <= most)
+            .collect();
         let row = |y: usize| {
             let at = |x: usize| radii.iter().map(move |&radius| (x, radius));
-            let rings = (0..width).step_by(APART).flat_map(at).filter_map(move |(x, radius)| {
+            let rings = (0..width).step_by(CENTRE_DISTANCE).flat_map(at).filter_map(move |(x, radius)| {
                 let ring = Ring { x: x as f32 + 0.5, y: y as f32 + 0.5, radius, score: 0.0 };
-                let first = self.sum(&ring, 0..FIRST);
-                if first < PROMISING * FIRST as f32 {
+                let first = self.sum(&ring, 0..FIRST_DIRECTIONS);
+                if first < MIN_GRID_SCORE * FIRST_DIRECTIONS as f32 {
                     return None;
                 }
-                let score = (first + self.sum(&ring, FIRST..DIRECTIONS)) / DIRECTIONS as f32;
-                (score >= PROMISING).then_some(Ring { score, ..ring })
+                let score = (first + self.sum(&ring, FIRST_DIRECTIONS..DIRECTIONS)) / DIRECTIONS as f32;
+                (score >= MIN_GRID_SCORE).then_some(Ring { score, ..ring })
             });
             rings.collect::<Vec<_>>()
         };
-        let rows = height.div_ceil(APART);
-        let mut rings: Vec<Ring> = parallel::flat_map_range(rows, |y| row(APART * y));
+        let rows = height.div_ceil(CENTRE_DISTANCE);
+        let mut rings: Vec<Ring> = parallel::flat_map_range(rows, |y| row(CENTRE_DISTANCE * y));
         sort(&mut rings, |ring| ring);
-        rings.truncate(CLOSER);
+        rings.truncate(MAX_REFINED);
         rings = parallel::map(&rings, |ring| self.climbed(*ring));
         rings.retain(|ring| ring.score >= MIN_SCORE);
         sort(&mut rings, |ring| ring);

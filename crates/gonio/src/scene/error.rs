@@ -7,7 +7,7 @@ use crate::shape::{CameraError, MeshError};
 use crate::suggestion::Suggestion;
 
 /// Axis ratio below which an elliptic outline is not that of a ball in perspective.
-const LONG: f64 = 0.85;
+const MIN_BALL_AXIS_RATIO: f64 = 0.85;
 
 /// Error in detecting or sampling an object; [`SceneError::suggestions`] lists suggestions.
 #[derive(Clone, Debug, Error, PartialEq)]
@@ -23,7 +23,7 @@ pub enum SceneError {
     MaskEverywhere,
     /// The covered part is too small for a ball.
     #[error(
-        "the ball in the mask has a radius of only {radius:.1} pixels, {min} are required; use a larger image, or \
+        "the ball in the mask has a radius of only {radius:.1} pixels, but at least {min} are required; use a larger image, or \
          check the mask"
     )]
     TooSmall {
@@ -33,7 +33,7 @@ pub enum SceneError {
         min: f64,
     },
     /// Too little of the outline lies within the picture.
-    #[error("only {degrees:.0} degrees of the ball's outline lie in the image, {min:.0} are required")]
+    #[error("only {degrees:.0} degrees of the ball's outline lie in the image, but at least {min:.0} are required")]
     ShortOutline {
         /// Angle that the visible part of the outline spans, in degrees.
         degrees: f64,
@@ -135,8 +135,8 @@ pub enum SceneError {
     },
     /// The normals are (nearly) all the same.
     #[error(
-        "the shape is too flat to separate light and reflectance: its normals occupy only {directions} cells of 1.6 \
-         degrees, {min} are required; use a rounder object"
+        "the shape is too flat to separate light and reflectance: it has only {directions} different normals (1.6 \
+         degrees apart), but at least {min} are required; use a rounder object"
     )]
     TooFlat {
         /// Number of cells of the grid of directions that contain a normal.
@@ -159,7 +159,7 @@ pub enum SceneError {
     },
     /// Too few pixels have a usable normal: the others are steep, at an edge or without a normal.
     #[error(
-        "only {used} of the {covered} pixels on the object have a usable normal, {min} are required; check the normal map \
+        "only {used} of the {covered} pixels on the object have a usable normal, but at least {min} are required; check the normal map \
          and the mask"
     )]
     TooFewNormals {
@@ -172,8 +172,8 @@ pub enum SceneError {
     },
     /// Too few points have a value.
     #[error(
-        "only {used} points on the object are usable, {min} are required: {clipped} are clipped and {outside} are uncovered or \
-         outside the image; use a shorter exposure, or check the mask and the circle"
+        "only {used} points on the object are usable, but {min} are required; {clipped} are clipped and {outside} are \
+         uncovered or outside the image; use a shorter exposure, or check the mask and the circle"
     )]
     TooFewPoints {
         /// Points with a value.
@@ -246,7 +246,7 @@ impl SceneError {
     pub fn suggestions(&self) -> Vec<Suggestion> {
         match self {
             Self::MaskEverywhere | Self::ShortOutline { .. } => vec![Suggestion::Outline],
-            Self::Elliptic { under_camera: false, aspect } if *aspect < LONG => {
+            Self::Elliptic { under_camera: false, aspect } if *aspect < MIN_BALL_AXIS_RATIO => {
                 vec![Suggestion::Mesh, Suggestion::Normals, Suggestion::Inflate, Suggestion::Ellipsoid]
             }
             Self::Elliptic { under_camera: false, .. } => {

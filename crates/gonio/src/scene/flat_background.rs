@@ -18,7 +18,7 @@ const MIN_SHARE: f64 = 0.1;
 /// Smallest share of the map that is not background.
 const MIN_OBJECT: f64 = 0.01;
 /// Smallest median difference of the normals on both sides of the outline: 15 degrees. A flat
-/// object with a relief has smaller differences.
+/// object with raised parts has smaller differences.
 const MIN_STEP: f32 = 0.26;
 
 /// Detects a background of one vector, connected to the border, and marks its pixels. Returns

@@ -5,7 +5,7 @@
 //! 2. `of_sphere` samples the image at normals distributed uniformly over the visible hemisphere;
 //!    [`Observations::of_normals`] samples any shape with a normal map.
 //!
-//! [`Detection::of`] performs both steps for any [`Object`].
+//! [`Detection::of`] performs both steps for any [`ObjectShape`].
 //!
 //! [`Orientation`] checks the channels of a normal map and suggests a [`Correction`].
 //!
@@ -60,7 +60,7 @@ pub(crate) use circle::find_sphere;
 pub use circle_detection::{CircleCandidate, OutlineReliability};
 pub use circle_fit::Circle;
 pub use correction::Correction;
-pub use detection::{DetectedShape, Detection, NormalPicture, Object, PositionMap};
+pub use detection::{DetectedShape, Detection, NormalMap, ObjectShape, PositionMap};
 pub use error::SceneError;
 pub use observations::{ObservationReport, ObservationSettings, Observations, sphere_points};
 pub(crate) use observed::{COVERED, check_size, clip_level, is_clipped};

@@ -144,7 +144,7 @@ impl Observations {
                 statuses[at] != PixelStatus::Outlier && is_speck(rgb, &region, at)
             })
             .collect();
-        report.specks = dark.iter().filter(|dark| **dark).count();
+        report.dark_outliers = dark.iter().filter(|dark| **dark).count();
         for (candidate, _) in facing.iter().zip(&dark).filter(|(_, dark)| **dark) {
             let status = &mut statuses.as_mut_slice()[candidate.pixel as usize];
             *status = if *status == PixelStatus::Outside { *status } else { PixelStatus::Speck };

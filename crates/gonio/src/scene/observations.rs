@@ -108,7 +108,7 @@ pub struct ObservationReport {
     pub outliers: usize,
     /// Observed pixels that differ from the pixels around them as much as outliers, but are used
     /// because the object reflects sharply or glitters.
-    pub isolated: usize,
+    pub possible_outliers: usize,
     /// Observed pixels that are used although a channel is negative: the luminance is positive, and
     /// the channel counts as zero in the colour.
     pub negative_channels: usize,
@@ -131,7 +131,7 @@ pub struct ObservationReport {
     pub at_edges: usize,
     /// Covered pixels skipped because they are far darker than all their neighbours: dust, dead
     /// pixels; 0 for a sphere.
-    pub specks: usize,
+    pub dark_outliers: usize,
     /// Points without a value because the edge of a shadow of the object itself may lie on them, or
     /// because the object occludes most of their light.
     pub in_shadow: usize,

@@ -29,27 +29,28 @@ const MIN_NOISE_OF_STEP: f64 = 0.3;
 const MIN_NOISE: f64 = 1e-4;
 /// Smallest noise, relative to the median of the channel.
 const MIN_NOISE_OF_MEDIAN: f64 = 5e-4;
-/// Factor by which the pixels next to a highlight exceed those two pixels away.
+/// Smallest ratio of the adjacent pixels to the pixels at a distance of two, next to a highlight.
 const HALO: f64 = 1.5;
-/// Smallest excess of these pixels over a quadratic through those two pixels away, in standard
-/// deviations of the noise.
+/// Smallest excess of the adjacent pixels over a quadratic through the pixels at a distance of two,
+/// in standard deviations of the noise.
 const RIM_OF_NOISE: f64 = 6.0;
-/// Smallest excess of these pixels relative to that of the pixel itself. A lamp in a ball of an
-/// orange phenolic, 64 pixels across, has 0.046; hot pixels at four positions of the sample have
+/// Smallest excess of the adjacent pixels relative to that of the pixel itself. A lamp in a ball of
+/// an orange phenolic, 64 pixels across, has 0.046; hot pixels at four positions of the sample have
 /// 0.0003 or less.
 const MIN_RING_EXCESS: f64 = 0.01;
 /// Smallest score of an outlier: its deviation relative to what noise and structure explain.
 const MIN_SCORE: f64 = 2.0;
 /// Score below which a pixel is not recorded.
 const RECORDED_SCORE: f64 = 0.2;
-/// Largest share of outliers; the score of the next pixel characterises the picture itself.
+/// Largest share of outliers. Pixels are ranked by score, and the first pixel beyond this share has
+/// the *baseline score*: that of the picture without outliers.
 const MAX_SHARE: f64 = 0.003;
-/// Smallest rank of that pixel.
+/// Smallest rank of the pixel with the baseline score.
 const MIN_RANK: usize = 5;
-/// Score of the picture itself up to which noise explains it.
+/// Baseline score that noise explains.
 const NOISE_SCORE: f64 = 0.7;
-/// Factor by which the score of an outlier exceeds the part of that score above the noise.
-const TAIL: f64 = 25.0;
+/// Smallest ratio of the score of an outlier to the part of the baseline score above the noise.
+const OUTLIER_SCORE_RATIO: f64 = 25.0;
 /// Smallest number of known pixels among the eight neighbours of an outlier.
 const MIN_ADJACENT: usize = 5;
 /// Largest number of windows from which the noise is estimated.
@@ -98,7 +99,7 @@ pub(super) fn outliers(rgb: &Plane<Vec3>, region: &Plane<bool>) -> Outliers {
     let mut scores: Vec<f64> = scored.iter().map(|score| score.value).collect();
     let rank = ((MAX_SHARE * pixels as f64) as usize).max(MIN_RANK);
     let own = if rank < scores.len() { *scores.select_nth_unstable_by(rank, |a, b| b.total_cmp(a)).1 } else { 0.0 };
-    let threshold = MIN_SCORE.max(TAIL * (own - NOISE_SCORE));
+    let threshold = MIN_SCORE.max(OUTLIER_SCORE_RATIO * (own - NOISE_SCORE));
     scored.retain(|score| score.value > MIN_SCORE);
     let candidates = scored.len();
     let sharp = scored.iter().any(|score| score.bright) && detector.is_sharp(&scored);
@@ -276,7 +277,7 @@ impl Window {
         steps.min_by(f64::total_cmp)
     }
 
-    /// Whether the adjacent pixels exceed a quadratic through those two pixels away.
+    /// Whether the adjacent pixels exceed a quadratic through the pixels at a distance of two.
     ///
     /// This is the case around a narrow highlight on a bright surface. The adjacent pixels share a
     /// side with this one, of value `own`; one of them may be an exception.
@@ -291,7 +292,7 @@ impl Window {
         near.len() > 2 && near[1] > least
     }
 
-    /// Whether the adjacent pixels are brighter (or darker) than those two pixels away.
+    /// Whether the adjacent pixels are brighter (or darker) than the pixels at a distance of two.
     ///
     /// This is the case around a highlight. The adjacent pixels share a side with this one; one of
     /// them may be an exception.

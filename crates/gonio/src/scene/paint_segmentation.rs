@@ -30,7 +30,7 @@ const CELLS: f64 = 300.0;
 /// Change of chromaticity (natural logarithms of R/G and B/G) above which there is a step.
 const CHROMA_STEP: f64 = 0.25;
 /// Distance from a cell to each of the two cells between which this change is measured, in cells.
-const SPAN: usize = 2;
+const STEP_SPAN: usize = 2;
 /// Largest distance between the two sides of a step, in cells: a span on both sides, the smoothing
 /// and some blur. Light explains slower changes.
 const MAX_STEP_DISTANCE: usize = 8;
@@ -51,7 +51,7 @@ const MIN_BORDER: f64 = 0.5;
 /// Smallest number of cells of that part of the border.
 const MIN_PAIRS: usize = 8;
 /// Cosine of the largest angle between the normals of both sides: 15 degrees.
-const ALIKE: f32 = 0.966;
+const MIN_NORMAL_COSINE: f32 = 0.966;
 /// Smallest change of chromaticity across the step, in natural logarithms.
 const MIN_CHANGE: f64 = 0.3;
 /// Smallest fall of one channel across the step, in natural logarithms.
@@ -67,7 +67,7 @@ const MAX_RELATIVE: f64 = 0.5;
 const MIN_SHADING: f64 = 0.01;
 /// Smallest chromaticity of a cell at the step that belongs to the region, as a share of the way
 /// from the outside to the inside.
-const MIXED: f64 = 0.2;
+const MIXED_SHARE: f64 = 0.2;
 /// Largest number of steps elsewhere that light cannot explain, relative to the number of steps
 /// around the ignored regions.
 const MAX_ELSEWHERE: f64 = 0.3;
@@ -88,8 +88,8 @@ impl Cells {
         };
         let both = |a: Option<DVec3>, b: Option<DVec3>| a.unwrap_or(own) - b.unwrap_or(own);
         Some([
-            both(at(u.checked_sub(SPAN), Some(v)), at(Some(u + SPAN), Some(v))),
-            both(at(Some(u), v.checked_sub(SPAN)), at(Some(u), Some(v + SPAN))),
+            both(at(u.checked_sub(STEP_SPAN), Some(v)), at(Some(u + STEP_SPAN), Some(v))),
+            both(at(Some(u), v.checked_sub(STEP_SPAN)), at(Some(u), Some(v + STEP_SPAN))),
         ])
     }
 
@@ -167,7 +167,7 @@ pub(super) fn segment_paint(
         cells.changes(at).is_some_and(|both| both.iter().any(|c| chroma(*c).length() > CHROMA_STEP && crosses(c)))
     };
     let near = |(u, v): (usize, usize)| {
-        let reach = 2 * SPAN;
+        let reach = 2 * STEP_SPAN;
         (v.saturating_sub(reach)..(v + reach + 1).min(size.1))
             .any(|y| (u.saturating_sub(reach)..(u + reach + 1).min(size.0)).any(|x| taken[(x, y)]))
     };
@@ -232,7 +232,7 @@ impl Border {
             }
             length += 1;
             let Some(across) = nearest(labels, at, main) else { continue };
-            if cells.normals[at].dot(cells.normals[across]) < ALIKE {
+            if cells.normals[at].dot(cells.normals[across]) < MIN_NORMAL_COSINE {
                 continue;
             }
             let (Some(inside), Some(outside)) = (cells.tones[at], cells.tones[across]) else { continue };
@@ -292,7 +292,7 @@ fn grow(taken: &mut Plane<bool>, cells: &Cells, labels: &Plane<u32>, stepped: &P
     let size = labels.size();
     let way = step.inside - step.outside;
     let mixed = |at: (usize, usize)| {
-        cells.tones[at].is_some_and(|tone| (chroma(tone) - step.outside).dot(way) >= MIXED * way.length_squared())
+        cells.tones[at].is_some_and(|tone| (chroma(tone) - step.outside).dot(way) >= MIXED_SHARE * way.length_squared())
     };
     let mut ring: Vec<(usize, usize)> =
         (0..size.1).flat_map(|v| (0..size.0).map(move |u| (u, v))).filter(|at| labels[*at] == region).collect();

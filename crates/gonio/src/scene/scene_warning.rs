@@ -55,9 +55,9 @@ pub enum SceneWarning {
         observed: usize,
     },
     /// Some pixels differ from their neighbours as much as outliers, but are used.
-    Isolated {
+    PossibleOutliers {
         /// Number of such pixels.
-        isolated: usize,
+        pixels: usize,
         /// Number of observed pixels on the object.
         observed: usize,
     },
@@ -134,8 +134,8 @@ impl fmt::Display for SceneWarning {
             Self::Contradiction(it) => it.fmt(f),
             Self::FlatBackground { pixels } => write!(
                 f,
-                "{pixels} pixels around the object have the same normal; gonio assumes that they show the background and \
-                 ignores them; specify a mask to use them"
+                "gonio ignores {pixels} pixels around the object that have the same normal, because they probably show the \
+                 background; specify a mask to use them"
             ),
             Self::Clipped { clipped, observed } => {
                 write!(
@@ -158,9 +158,9 @@ impl fmt::Display for SceneWarning {
                 "gonio ignores {outliers} of {observed} pixels on the object, which differ strongly from their neighbours; \
                  possible causes are noise, fireflies and glitter; use a longer exposure or more samples per pixel"
             ),
-            Self::Isolated { isolated, observed } => write!(
+            Self::PossibleOutliers { pixels, observed } => write!(
                 f,
-                "{isolated} of {observed} pixels look like outliers, but gonio uses them, because the object has sharp \
+                "{pixels} of {observed} pixels look like outliers, but gonio uses them, because the object has sharp \
                  reflections or glitters; remove hot pixels and fireflies, which make the roughness unreliable"
             ),
             Self::Pattern { pixels, converted, observed, ratio } => {

@@ -156,7 +156,7 @@ pub(super) fn classify_pixels(
         negative: count(PixelStatus::Negative),
         not_finite: count(PixelStatus::NotFinite),
         outliers: count(PixelStatus::Outlier),
-        isolated: outliers.kept,
+        possible_outliers: outliers.kept,
         negative_channels: statuses.as_slice().iter().zip(rgb.as_slice()).filter(tainted).count(),
         other_colour_pixels: count(PixelStatus::OtherColour),
         converted_pixels: count(PixelStatus::Converted),

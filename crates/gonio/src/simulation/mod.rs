@@ -50,7 +50,7 @@ pub struct ScenePoolSettings {
     /// Number of views of captured lights in each group.
     pub views: usize,
     /// Number of materials in each group.
-    pub draws: usize,
+    pub group_materials: usize,
     /// Standard deviation of the angle by which cameras are tilted up or down, in degrees.
     pub tilt: f64,
     /// Seed of all random numbers.
@@ -61,7 +61,7 @@ pub struct ScenePoolSettings {
 
 impl Default for ScenePoolSettings {
     fn default() -> Self {
-        Self { groups: 8, views: 24, draws: 120, tilt: 12.0, seed: 1, prior: Prior::default() }
+        Self { groups: 8, views: 24, group_materials: 120, tilt: 12.0, seed: 1, prior: Prior::default() }
     }
 }
 
@@ -121,9 +121,9 @@ impl ScenePool {
     /// Builds a pool without scenes.
     ///
     /// # Panics
-    /// If there are no lights, or if `groups`, `views` or `draws` is zero.
+    /// If there are no lights, or if `groups`, `views` or `group_materials` is zero.
     pub fn new(dictionary: Dictionary, lights: Vec<EnvironmentMap>, settings: ScenePoolSettings) -> Self {
-        assert!(!lights.is_empty() && settings.groups * settings.views * settings.draws > 0);
+        assert!(!lights.is_empty() && settings.groups * settings.views * settings.group_materials > 0);
         let renderer = SceneRenderer::new();
         Self { dictionary, lights, settings, renderer, first: 0, groups: VecDeque::new() }
     }
@@ -159,7 +159,7 @@ impl ScenePool {
         let Self { dictionary, lights, settings, renderer, .. } = self;
         let mut rng = Pcg64::seed_from_u64(settings.seed.wrapping_mul(0x9e37_79b9).wrapping_add(number));
         let materials: Vec<DrawnMaterial> =
-            (0..settings.draws).map(|_| dictionary.draw(&settings.prior, &mut rng)).collect();
+            (0..settings.group_materials).map(|_| dictionary.draw(&settings.prior, &mut rng)).collect();
         let tables: Vec<BivariateTable> = parallel::map(&materials, |m| dictionary.table(m));
         let mut view = |view: usize| {
             let map = &lights[rng.random_range(0..lights.len())];

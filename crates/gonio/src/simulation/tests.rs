@@ -9,7 +9,7 @@ fn pool() -> ScenePool {
     ScenePool::new(
         WORLD.clone(),
         lights,
-        ScenePoolSettings { groups: 1, views: 1, draws: 3, ..ScenePoolSettings::default() },
+        ScenePoolSettings { groups: 1, views: 1, group_materials: 3, ..ScenePoolSettings::default() },
     )
 }
 

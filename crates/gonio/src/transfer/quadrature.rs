@@ -128,7 +128,8 @@ pub struct QuadratureSettings {
     ///
     /// If the light grid is finer, its level is used instead.
     pub base: u32,
-    /// Fraction of a cell's angle to the normal above which its spread of half vectors divides it.
+    /// A cell is divided if its half vectors spread over more than this fraction of its angle to
+    /// the normal.
     pub ratio: f32,
     /// Angle (radians) added to the angle to the normal in that test.
     ///

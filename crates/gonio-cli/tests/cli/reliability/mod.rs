@@ -83,13 +83,13 @@ pub(crate) const JOBS: [Job; 7] = [
     Job { name: "batch", line: "batch list.csv -o OUT", kind: Kind::Batch, inputs: list },
     Job {
         name: "train_lighting",
-        line: "train lighting lights -o OUT --grid 16 --turns 2",
+        line: "train lighting lights -o OUT --grid 16 --rotations 2",
         kind: Kind::File,
         inputs: crate::train::lights,
     },
     Job {
         name: "train_reflectance",
-        line: "train reflectance materials -o OUT --rank 2 --restarts 2",
+        line: "train reflectance materials -o OUT --rank 2 --starts 2",
         kind: Kind::File,
         inputs: crate::train::materials,
     },

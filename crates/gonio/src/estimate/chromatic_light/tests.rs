@@ -18,7 +18,7 @@ fn prior() -> LightPrior {
         LightGrid::from_texels(MAP, FINE, random(FINE * FINE, seed).iter().map(texel).collect())
     };
     let lights: Vec<LightGrid> = (0..8).map(light).collect();
-    LightPrior::learn(&lights, lights.len(), &PriorSettings { restarts: 1, seed: 1 }).unwrap()
+    LightPrior::learn(&lights, lights.len(), &PriorSettings { starts: 1, seed: 1 }).unwrap()
 }
 
 /// Light of lamps and sky; `tint` maps a direction to the tints of red and blue.
@@ -186,7 +186,7 @@ fn posterior_matches_the_closed_form_in_image_space() {
     observed.colours.iter_mut().flatten().for_each(|c| c.x *= 1.05);
     let (light, colouring) = (found(&light), colouring(&green()));
     let rows = Rows::of(&prior(), &observed, &table(), &colouring, FINE).unwrap().unwrap();
-    let images = Images::of(&rows, &colouring, &light).unwrap();
+    let images = SquareContributions::of(&rows, &colouring, &light).unwrap();
     let (plain, error) = (images.plain(), 0.05);
     let got = images.posterior(&plain, error, MAP);
     let (count, directions) = (FINE * FINE, images.directions());

@@ -52,8 +52,8 @@ pub(super) fn aligned(
     materials: &PriorMaterials<'_>,
 ) -> Result<KnownLightPosterior, KnownLightError> {
     let turns = match alignment {
-        Alignment::Fixed | Alignment::Near => vec![DQuat::IDENTITY],
-        Alignment::Around => around(rows, &mut light, materials),
+        Alignment::Fixed | Alignment::Small => vec![DQuat::IDENTITY],
+        Alignment::Vertical => around(rows, &mut light, materials),
     };
     let mut best: Option<Candidate> = None;
     for from in turns {

@@ -96,9 +96,9 @@ pub enum Alignment {
     Fixed,
     /// A few degrees about any axis.
     #[default]
-    Near,
+    Small,
     /// Any angle about the vertical, and a few degrees about any axis.
-    Around,
+    Vertical,
 }
 
 /// Materials that a photograph is compared with, computed once for all lights.

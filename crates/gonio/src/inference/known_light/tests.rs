@@ -122,7 +122,7 @@ fn recovers_the_rotation_of_a_light() {
     let operator = Operator::of(&points, None, &turned, &materials());
     let values = image(&operator, 2, 1.0);
     let (fixed, near) =
-        (given(&points, &values, &map, Alignment::Fixed), given(&points, &values, &map, Alignment::Near));
+        (given(&points, &values, &map, Alignment::Fixed), given(&points, &values, &map, Alignment::Small));
     let off = near.rotation.angle_between(turn).to_degrees();
     assert!(off < 0.5, "{off}");
     assert_eq!(fixed.rotation, DQuat::IDENTITY);
@@ -135,7 +135,7 @@ fn keeps_an_aligned_light() {
     let operator = under(&points, &environment_map(7));
     for material in [1, 4] {
         let values = image(&operator, material, 1.0);
-        assert_eq!(given(&points, &values, &environment_map(7), Alignment::Near).rotation, DQuat::IDENTITY);
+        assert_eq!(given(&points, &values, &environment_map(7), Alignment::Small).rotation, DQuat::IDENTITY);
     }
 }
 
@@ -145,7 +145,7 @@ fn recovers_any_rotation_about_the_vertical() {
     let turn = DQuat::from_rotation_y(-2.0);
     let turned = KnownLight::of_map(&environment_map(7)).rotated(turn);
     let operator = Operator::of(&points, None, &turned, &materials());
-    let found = given(&points, &image(&operator, 1, 1.0), &environment_map(7), Alignment::Around);
+    let found = given(&points, &image(&operator, 1, 1.0), &environment_map(7), Alignment::Vertical);
     let off = found.rotation.angle_between(turn).to_degrees();
     assert!(off < 1.0, "{off}");
     assert!(found.rotation.to_scaled_axis().length() < std::f64::consts::PI);
@@ -167,11 +167,11 @@ fn recovers_the_radiance_of_clipped_pixels() {
     let (map, clipped) = (sky(1e9), sky(300.0));
     let operator = under(&points, &map);
     let values = image(&operator, 1, 1.0);
-    let found = given(&points, &values, &clipped, Alignment::Near);
+    let found = given(&points, &values, &clipped, Alignment::Small);
     let (gain, sd) = found.gain.unwrap();
     assert!((gain / 10.0).ln().abs() < 0.1 && sd < 0.3, "{gain} {sd}");
     assert!(found.misfit < 0.03, "{}", found.misfit);
     // A lamp that only looks clipped keeps its brightness.
-    let found = given(&points, &values, &map, Alignment::Near);
+    let found = given(&points, &values, &map, Alignment::Small);
     assert!(found.gain.is_some_and(|(gain, _)| gain.ln().abs() < 0.05), "{:?}", found.gain);
 }

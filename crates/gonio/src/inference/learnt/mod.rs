@@ -30,7 +30,7 @@ pub use candidates::Candidates;
 pub use convolution::{Convolution, silu, silu_backward};
 pub use encoder::{Encoder, inside_disk, pool};
 pub use encoder_shape::{EncoderError, EncoderShape, NamedLayer, Step};
-pub use numbers::{ScalarPosterior, peak_to_body};
+pub use numbers::{ScalarPosterior, peak_height};
 pub(crate) use posterior::sample;
 pub use posterior::{MaterialPosterior, Neighbour, interval_widths};
 pub(crate) use predictive::predict;

@@ -9,7 +9,7 @@ use crate::reflectance::{BivariateTable, THETA_D, THETA_H, is_trusted, theta_d_o
 ///
 /// This is the value along the normal over the mean at half angles above 45 degrees and difference
 /// angles below. It is one for chalk, tens for a satin paint and thousands for polished metal.
-pub fn peak_to_body(table: &BivariateTable) -> f64 {
+pub fn peak_height(table: &BivariateTable) -> f64 {
     let far = std::f64::consts::FRAC_PI_4;
     let (mut sum, mut count) = (0.0, 0.0);
     for i in (0..THETA_H).filter(|&i| theta_h_of(i) > far) {
@@ -55,8 +55,8 @@ mod tests {
 
     #[test]
     fn gloss_is_the_peak_over_the_base() {
-        assert!((peak_to_body(&BivariateTable::from_fn(|_, _| 0.2)) - 1.0).abs() < 1e-6);
-        assert!((peak_to_body(&crate::testing::lobe(0.1, 4.9, 0.1)) - 50.0).abs() < 1e-3);
+        assert!((peak_height(&BivariateTable::from_fn(|_, _| 0.2)) - 1.0).abs() < 1e-6);
+        assert!((peak_height(&crate::testing::lobe(0.1, 4.9, 0.1)) - 50.0).abs() < 1e-3);
     }
 
     #[test]

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use glam::Vec3;
 
-use super::{DetectedShape, Detection, Inaccurate, NormalPicture, PositionMap};
+use super::{DetectedShape, Detection, Inaccurate, NormalMap, PositionMap};
 use crate::picture::{Picture, Plane};
 use crate::scene::circle::outline;
 use crate::scene::components::{flood, largest_component};
@@ -89,8 +89,8 @@ impl Detector<'_> {
         Ok(detection.made_consistent(picture))
     }
 
-    pub(super) fn normals(self, view: NormalPicture) -> Result<Detection, SceneError> {
-        let NormalPicture { mut normals, camera, relief, trusted, error } = view;
+    pub(super) fn normals(self, view: NormalMap) -> Result<Detection, SceneError> {
+        let NormalMap { mut normals, camera, positions, trusted, error } = view;
         let mut scene_warnings = Vec::new();
         if self.coverage.is_none()
             && let Some(background) = flat_background(&normals)
@@ -109,8 +109,8 @@ impl Detector<'_> {
         }
         let view = SurfaceView { normals: &normals, camera: camera.as_ref(), distances: None };
         let observations = Observations::of_view(self.picture, &view, self.coverage.as_ref(), self.settings)?;
-        let (placed, defects) = relief.map(|relief| self.relief(relief, camera.is_none())).transpose()?.unzip();
-        // Shadows of a relief belong to its normals.
+        let (placed, defects) = positions.map(|map| self.surface_of(map, camera.is_none())).transpose()?.unzip();
+        // Shadows of a position map belong to its normals.
         let is_inaccurate = error > 0.0 && placed.is_none();
         let picture = self.picture;
         let detection = Detection {
@@ -124,7 +124,7 @@ impl Detector<'_> {
     }
 
     /// Builds the surface of a position map, cut to the object.
-    fn relief(
+    fn surface_of(
         &self,
         PositionMap { mut positions, camera }: PositionMap,
         default_camera: bool,
@@ -214,7 +214,7 @@ mod tests {
     use glam::DVec3;
 
     use super::*;
-    use crate::scene::Object;
+    use crate::scene::ObjectShape;
     use crate::shape::{Camera, Ellipsoid, Projection};
     use crate::suggestion::Suggestion;
 
@@ -249,7 +249,7 @@ mod tests {
         let camera = Camera::new(Projection::Orthographic { pixels_per_unit: 30.0 }, (0.0, 0.0), size).unwrap();
         let of = |default_camera: bool| {
             let surface = Arc::new(Ellipsoid::sphere(DVec3::new(1.0, 0.0, -5.0), 1.0).unwrap());
-            let object = Object::Surface(PosedSurface { surface, camera, default_camera });
+            let object = ObjectShape::Surface(PosedSurface { surface, camera, default_camera });
             let mask = Plane::from_fn(100, 100, |x, y| if disk(30.0, 0.0)(x, y) { 1.0 } else { 0.0 });
             let picture = Picture { rgb: Plane::from_fn(100, 100, |_, _| Vec3::ONE), alpha: None };
             let refused = Detection::of(&picture, Some(mask), object, &ObservationSettings::default()).err().unwrap();

@@ -157,8 +157,8 @@ fn ignores_and_counts_faulty_pixels_in_the_observed_region() {
         bad.rgb[(x, y)].x = -0.5;
     }
     let got = observe(&bad).unwrap();
-    let ObservationReport { negative, not_finite, negative_channels, faulty, used, specks, .. } = got.report;
-    assert_eq!((negative, not_finite, negative_channels, faulty, specks), (1, 1, 25, 2, 0));
+    let ObservationReport { negative, not_finite, negative_channels, faulty, used, dark_outliers, .. } = got.report;
+    assert_eq!((negative, not_finite, negative_channels, faulty, dark_outliers), (1, 1, 25, 2, 0));
     assert_eq!((used, &got.points), (clean.report.used - 2, &clean.points));
     let statuses = got.statuses.as_ref().unwrap();
     assert_eq!(

@@ -34,7 +34,7 @@ const COLUMNS: [&str; 16] = [
 
 /// Writes `batch.csv` from the outcomes of all rows, and `compare.html` if `page`. If `rows` is
 /// given, the table also lists missing rows.
-pub(super) fn merge(output: &Path, rows: Option<&[Row]>, page: bool) -> Result<Outcome> {
+pub(super) fn collect(output: &Path, rows: Option<&[Row]>, page: bool) -> Result<Outcome> {
     let names: Vec<String> = match rows {
         Some(rows) => rows.iter().map(|row| row.name.clone()).collect(),
         None => recorded_names(output)?,
@@ -125,7 +125,7 @@ fn record(output: &Path, name: &str, status: &str, note: Option<&RowOutcome>) ->
     let residual = result.as_ref().and_then(|result| result.residual);
     let number = |value: Option<f64>| value.map(|v| format!("{v:.4}")).unwrap_or_default();
     let roughness = posterior.and_then(|posterior| posterior.highlight.roughness);
-    let peak = posterior.map(|posterior| posterior.highlight.peak_to_body.quantiles);
+    let peak = posterior.map(|posterior| posterior.highlight.peak_height.quantiles);
     let nearest = posterior.and_then(|posterior| posterior.materials.first());
     vec![
         name.to_owned(),

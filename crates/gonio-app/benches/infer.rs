@@ -188,7 +188,7 @@ fn scene(picture: Picture, form: ShapeKind) -> Scene {
         reading: Reading::default(),
         clip: None,
         mask: None,
-        keep_colours: false,
+        one_material: false,
         force: false,
         reference: None,
         shape: Shape::of(form),

@@ -28,8 +28,8 @@ pub struct Scene {
     pub clip: Option<f32>,
     /// Mask of the object; detected if `None`.
     pub mask: Option<Source<Plane<f32>>>,
-    /// Also use pixels whose colour differs from the rest of the object.
-    pub keep_colours: bool,
+    /// Treat the object as one material: also use pixels of another colour or paint.
+    pub one_material: bool,
     /// Estimate although shape or light contradict the photograph.
     pub force: bool,
     /// The shape.
@@ -49,7 +49,7 @@ pub(crate) struct LoadedScene {
     /// Whether integer values of the photograph are linear radiance.
     pub(crate) linear: bool,
     pub(crate) reference: Option<Reference>,
-    keep_colours: bool,
+    one_material: bool,
     force: bool,
     origin: ShapeOrigin,
 }
@@ -124,7 +124,7 @@ impl Scene {
             names,
             linear: self.reading.linear,
             reference: self.reference,
-            keep_colours: self.keep_colours,
+            one_material: self.one_material,
             force: self.force,
             origin,
         })
@@ -162,12 +162,12 @@ impl LoadedScene {
         };
         // The mask of each region separates the materials, and the checks that `force` skips apply
         // to whole objects.
-        let (keep_colours, force) = (self.keep_colours || region.is_some(), self.force || region.is_some());
+        let (one_material, force) = (self.one_material || region.is_some(), self.force || region.is_some());
         let names = match region {
             None => &self.names,
             Some(_) => &self.names.of_region(),
         };
-        let settings = ObservationSettings { clip: *clip, keep_colours, force, ..settings };
+        let settings = ObservationSettings { clip: *clip, one_material, force, ..settings };
         let mut detection = Detection::of(picture, mask, object, &settings).map_err(|error| names.to_error(&error))?;
         warnings.extend(detection.scene_warnings.iter().map(|warning| names.warn(warning)));
         if let Some(grid) = shadows.filter(|_| detection.placed.is_some()) {

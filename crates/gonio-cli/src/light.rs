@@ -103,7 +103,7 @@ impl LightOptions {
             reading,
             clip: self.clip,
             mask: mask.cloned().map(Source::File),
-            keep_colours: true,
+            one_material: true,
             force: false,
             reference: None,
             shape: Shape { camera: self.camera.clone().map(Source::File), ..Shape::of(ShapeKind::Sphere(circle)) },

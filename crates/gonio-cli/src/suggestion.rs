@@ -20,7 +20,7 @@ pub(crate) fn words(suggestion: &Suggestion) -> Option<String> {
         Suggestion::NormalAxes(corrections) => return axes(corrections),
         Suggestion::OneOf(circles) => return one_of(circles),
         Suggestion::TrustNormals => "skip this check with --trust-normals",
-        Suggestion::KeepColours => "to use all pixels unchanged, specify --one-material",
+        Suggestion::OneMaterial => "to use all pixels unchanged, specify --one-material",
         Suggestion::AlignLight => "search for the rotation of the environment map with --align-light",
         Suggestion::Force => "use --force to estimate anyway",
         Suggestion::Linear => "use --linear if the values are linear radiance",

@@ -169,9 +169,9 @@ fn infer(
     model: &Model,
     picture: &Picture,
     circle: Circle,
-    keep_colours: bool,
+    one_material: bool,
 ) -> Result<(bool, Option<BivariateTable>)> {
-    let settings = ObservationSettings { keep_colours, ..ObservationSettings::default() };
+    let settings = ObservationSettings { one_material, ..ObservationSettings::default() };
     let detection = Detection::of(picture, None, ObjectShape::Sphere(Some(circle)), &settings)?;
     let found = estimate(model, &detection.observations, &EstimateSettings::default(), &|_| ())?;
     let table = (found.light.misfit <= MAX_MISFIT).then_some(found.material.table);

@@ -132,7 +132,7 @@ impl fmt::Display for PaperDiagnostic {
             Self::NotConverged => write!(f, "no start of the solver converged; the result may be inaccurate"),
             Self::LargeResidual(noise) => write!(
                 f,
-                "the relative RMS residual of the photograph is {:.0} %; the result is unreliable; use --method learnt",
+                "the relative RMS residual of the photograph is {:.0} %; the result is unreliable",
                 100.0 * noise
             ),
             Self::LeftOver { side, share } => write!(

@@ -37,7 +37,7 @@ pub(crate) fn words(suggestion: &Suggestion) -> Option<String> {
             return (!listed.is_empty()).then(|| format!("select one with {}", listed.join(" or ")));
         }
         Suggestion::TrustNormals => "skip this check with trust_normals=True",
-        Suggestion::KeepColours => "to use all pixels unchanged, specify one_material=True",
+        Suggestion::OneMaterial => "to use all pixels unchanged, specify one_material=True",
         Suggestion::AlignLight => "search for the rotation of the environment map with align_light=\"vertical\"",
         Suggestion::Force => "use force=True to estimate anyway",
         Suggestion::Linear => "use linear=True if the values are linear radiance",

@@ -185,7 +185,7 @@ impl SceneArg<'_> {
             reading: self.reading.take(),
             mask: self.mask.map(GivenMask::source).transpose()?,
             clip: self.clip,
-            keep_colours: self.one_material,
+            one_material: self.one_material,
             force: self.force,
             shape: self.object.take()?,
             reference: self.reference.map(ReferenceArg::take).transpose()?,

@@ -34,8 +34,8 @@ pub enum Suggestion {
     NormalAxes(Vec<Correction>),
     /// Skip the consistency checks of the normals.
     TrustNormals,
-    /// Use regions of another colour or paint as well.
-    KeepColours,
+    /// Treat the object as one material: use regions of another colour or paint as well.
+    OneMaterial,
     /// Search for the rotation of the environment map.
     AlignLight,
     /// Estimate although shape or light contradict the photograph.

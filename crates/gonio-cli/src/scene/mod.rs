@@ -138,7 +138,7 @@ impl SceneOptions {
             reading: self.reading.reading(),
             clip: self.clip,
             mask: self.mask.clone().map(Source::File),
-            keep_colours: self.one_material,
+            one_material: self.one_material,
             force: self.force,
             shape: self.shape(),
             reference: self.reference.reference(),

@@ -76,12 +76,12 @@ pub(super) fn facts(material: &MaterialEstimate, result: &ResultDocument) -> Mar
                 dd { (interval(material.peak_height)) span.note { (SCALE) } }
             }
             div {
-                dt { "uncertainty" }
+                dt { "uncertain share of the BRDF" }
                 dd {
-                    "share of the table of the BRDF with a 90 % interval wider than a factor of " (WIDE) ": "
                     strong { (percent(material.wider_than(WIDE))) }
-                    "; share that the photograph does not determine: "
+                    " with a 90 % interval wider than a factor of " (WIDE) "; "
                     strong { (percent(material.undetermined_share)) }
+                    " not determined by the photograph"
                 }
             }
             (colours(&result.colour))

@@ -209,7 +209,7 @@ impl Report<'_> {
                 @if let Some(grid) = self.subject.light {
                     "This light explains the photograph, given the mean BRDF. Its texels are " (format!("{:.1}", resolution(grid))) "° wide; the picture is blurred by half a texel."
                     @if let Some(share) = self.uncertain() {
-                        (format!(" The variance of its posterior is {} of its mean square variation over directions.", percent(share)))
+                        (format!(" The posterior variance is {} of the mean square variation of the light over directions.", percent(share)))
                     }
                 }
             },
@@ -285,8 +285,8 @@ impl Report<'_> {
         html! {
             (figure::figure(&figure::tiles(&tiles), &html! {
                 "Estimate and both ends of the 90 % interval, in a studio light. gonio draws materials from the posterior and \
-                 orders them by the change that is most visible in this picture; the ends are 5 % from either end of \
-                 this order. "
+                 orders them by their main visible difference in this picture. The two ends lie at 5 % and 95 % of this \
+                 order. "
                 (format!("They differ most in the {}, by a factor of {:.1}. ", material.ends.region.name(), material.ends.factor))
                 "The more they differ, the less the photograph determines the material."
             }))

@@ -133,10 +133,10 @@ impl ColourModel {
         };
         let [red, green, blue] = [one(0)?, one(1)?, one(2)?];
         let lights = match light {
-            Some(_) => vec![LightComponent {
-                weight: 1.0,
-                covariance: [[GIVEN_CHROMA_SD * GIVEN_CHROMA_SD, 0.0], [0.0, GIVEN_CHROMA_SD * GIVEN_CHROMA_SD]],
-            }],
+            Some(_) => {
+                let variance = GIVEN_CHROMA_SD * GIVEN_CHROMA_SD;
+                vec![LightComponent { weight: 1.0, covariance: [[variance, 0.0], [0.0, variance]] }]
+            }
             None => self.lights.clone(),
         };
         Some(DifferencePosterior {

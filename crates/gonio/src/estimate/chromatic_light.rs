@@ -106,7 +106,7 @@ impl Rows {
 
     /// Estimates the colours of a light; `None` if the photograph is black.
     pub(super) fn under(&self, colouring: &Colouring, light: &Light) -> Option<ChromaticLight> {
-        SquareContributions::of(self, colouring, light).map(|images| images.chromatic_light(light))
+        SquareContributions::of(self, colouring, light).map(|squares| squares.chromatic_light(light))
     }
 }
 

@@ -44,8 +44,8 @@ fn observations(picture: &Picture) -> Observations {
     observed(picture, false)
 }
 
-fn observed(picture: &Picture, keep_colours: bool) -> Observations {
-    let settings = ObservationSettings { normals: 3000, keep_colours, ..ObservationSettings::default() };
+fn observed(picture: &Picture, one_material: bool) -> Observations {
+    let settings = ObservationSettings { normals: 3000, one_material, ..ObservationSettings::default() };
     Detection::of(picture, None, ObjectShape::Sphere(None), &settings).unwrap().observations
 }
 
@@ -338,13 +338,13 @@ fn rejects_likelihoods_without_a_product() {
 #[test]
 fn diagnostics_contain_their_percentages() {
     let text = [
-        Diagnostic::Filled(0.4),
+        Diagnostic::Filled(0.3),
         Diagnostic::OutOfDistribution(0.12),
         Diagnostic::Undetermined(0.6),
         Diagnostic::Scatter(0.23),
     ]
     .map(|d| d.to_string());
-    assert!(text[0].contains("60 %") && text[1].contains("12 %") && text[2].contains("60 %"), "{text:?}");
+    assert!(text[0].contains("70 %") && text[1].contains("12 %") && text[2].contains("60 %"), "{text:?}");
     assert!(text[3].contains("23 %"), "{text:?}");
 }
 

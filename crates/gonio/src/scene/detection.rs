@@ -214,13 +214,13 @@ impl Detection {
 
     /// Returns the detection without the small spots of a distant ball, such as dust, scratches and
     /// print: they are replaced by the median of their surroundings. Returns `None` for other
-    /// shapes, without spots, and if [`ObservationSettings::keep_colours`] is set.
+    /// shapes, without spots, and if [`ObservationSettings::one_material`] is set.
     ///
     /// Reflections of small lamps can look like spots. Use the result only if the spots mislead the
     /// estimate ([`without_misleading_spots`](crate::estimate::without_misleading_spots)).
     #[must_use]
     pub fn without_spots(&self, picture: &Picture) -> Option<Self> {
-        let circle = self.circle().filter(|_| !self.settings.keep_colours)?;
+        let circle = self.circle().filter(|_| !self.settings.one_material)?;
         let statuses = self.observations.statuses.as_ref();
         let used = Plane::from_fn(self.size.0, self.size.1, |x, y| match statuses {
             Some(statuses) => statuses[(x, y)] == PixelStatus::Used,

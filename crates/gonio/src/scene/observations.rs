@@ -41,11 +41,11 @@ pub struct ObservationSettings {
     /// `None` detects the level: the largest value of the object, if at least 12 pixels and 0.02 %
     /// of the observed ones have exactly that value.
     pub clip: Option<f32>,
-    /// Whether to observe regions of another colour (stickers) and a second paint as well. By
-    /// default, they are ignored if they can be distinguished safely from highlights and
-    /// reflections.
+    /// Whether to treat the object as one material. By default, regions of another colour
+    /// (stickers) and a second paint are ignored if they can be distinguished safely from
+    /// highlights and reflections.
     #[serde(default)]
-    pub keep_colours: bool,
+    pub one_material: bool,
     /// Whether to accept a surface whose silhouette differs from that of the object.
     #[serde(default)]
     pub force: bool,
@@ -59,7 +59,7 @@ impl Default for ObservationSettings {
             max_angle: 80.0_f64.to_radians(),
             pole_angle: 0.0,
             clip: None,
-            keep_colours: false,
+            one_material: false,
             force: false,
         }
     }

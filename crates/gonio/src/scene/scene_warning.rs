@@ -102,7 +102,7 @@ impl SceneWarning {
             Self::UnknownSemiAxis(_) => vec![Suggestion::DepthAxis],
             Self::Outline(circle) => vec![Suggestion::OneOf(vec![*circle])],
             Self::Contradiction(it) => vec![it.suggestion()],
-            Self::OtherColour { .. } | Self::Pattern { .. } | Self::Spots { .. } => vec![Suggestion::KeepColours],
+            Self::OtherColour { .. } | Self::Pattern { .. } | Self::Spots { .. } => vec![Suggestion::OneMaterial],
             _ => Vec::new(),
         }
     }

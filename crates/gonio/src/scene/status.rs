@@ -116,7 +116,7 @@ pub(super) fn classify_pixels(
         }
     }
     let (mut pattern_ratio, mut albedo_map, mut converted) = (None, None, None);
-    if !settings.keep_colours {
+    if !settings.one_material {
         let usable = |at| statuses[at] == PixelStatus::Used;
         let other = match segment_pattern(rgb, &usable, surface) {
             Some(Pattern { mut other, converted: own, ratio, mut relative }) => {

@@ -186,10 +186,10 @@ fn posterior_matches_the_closed_form_in_image_space() {
     observed.colours.iter_mut().flatten().for_each(|c| c.x *= 1.05);
     let (light, colouring) = (found(&light), colouring(&green()));
     let rows = Rows::of(&prior(), &observed, &table(), &colouring, FINE).unwrap().unwrap();
-    let images = SquareContributions::of(&rows, &colouring, &light).unwrap();
-    let (plain, error) = (images.plain(), 0.05);
-    let got = images.posterior(&plain, error, MAP);
-    let (count, directions) = (FINE * FINE, images.directions());
+    let squares = SquareContributions::of(&rows, &colouring, &light).unwrap();
+    let (plain, error) = (squares.plain(), 0.05);
+    let got = squares.posterior(&plain, error, MAP);
+    let (count, directions) = (FINE * FINE, squares.directions());
     let centre = |k: usize| {
         let (u, v) = LightGrid::centre_of(FINE, k);
         MAP.direction(u, v)
@@ -204,11 +204,11 @@ fn posterior_matches_the_closed_form_in_image_space() {
     let scale =
         |at: usize| (1.0 + BRIGHTNESS_FLOOR) / (error * (plain[at / 3][at % 3] + BRIGHTNESS_FLOOR * mean[at % 3]));
     let part = |axis: usize| {
-        Mat::from_fn(size, count, |at, k| scale(at) * directions[axis][at % 3] * images.parts[at % 3][(k, at / 3)])
+        Mat::from_fn(size, count, |at, k| scale(at) * directions[axis][at % 3] * squares.parts[at % 3][(k, at / 3)])
     };
     let (first, second) = (part(0), part(1));
     let image = &first * &correlation * first.transpose() + &second * &correlation * second.transpose();
-    let observed: Vec<DVec3> = images.colours.iter().zip(&plain).map(|(c, p)| at_luminance_of(*c, *p)).collect();
+    let observed: Vec<DVec3> = squares.colours.iter().zip(&plain).map(|(c, p)| at_luminance_of(*c, *p)).collect();
     let right: Vec<f64> = (0..size).map(|at| scale(at) * (observed[at / 3][at % 3] - plain[at / 3][at % 3])).collect();
     let dual = Cholesky::new(image + Mat::<f64>::identity(size, size)).unwrap().solve(&right);
     let dual = Mat::from_fn(size, 1, |i, _| dual[i]);

@@ -163,19 +163,21 @@ fn log_error(found: &BivariateTable, truth: &BivariateTable) -> f64 {
     mean(&differences.iter().map(|d| (d - middle).powi(2)).collect::<Vec<_>>()).sqrt()
 }
 
-/// Estimates a ball. Returns whether it has two paints, and the luminance of its BRDF unless the
-/// photograph contradicts it.
-fn infer(
-    model: &Model,
-    picture: &Picture,
-    circle: Circle,
-    one_material: bool,
-) -> Result<(bool, Option<BivariateTable>)> {
+/// Estimate of a ball.
+struct Inferred {
+    /// Ratio of two detected paints.
+    ratio: Option<f64>,
+    /// Luminance of the BRDF, unless the photograph contradicts the estimate.
+    table: Option<BivariateTable>,
+}
+
+/// Estimates a ball.
+fn infer(model: &Model, picture: &Picture, circle: Circle, one_material: bool) -> Result<Inferred> {
     let settings = ObservationSettings { one_material, ..ObservationSettings::default() };
     let detection = Detection::of(picture, None, ObjectShape::Sphere(Some(circle)), &settings)?;
     let found = estimate(model, &detection.observations, &EstimateSettings::default(), &|_| ())?;
     let table = (found.light.misfit <= MAX_MISFIT).then_some(found.material.table);
-    Ok((detection.observations.report.pattern_ratio.is_some(), table))
+    Ok(Inferred { ratio: detection.observations.report.pattern_ratio, table })
 }
 
 pub(crate) fn run(data: &Path, options: &PatternsOptions) -> Result<()> {
@@ -193,7 +195,6 @@ pub(crate) fn run(data: &Path, options: &PatternsOptions) -> Result<()> {
     let circle = Circle { x: middle, y: middle, radius: sphere.radius() };
     let mut records = Vec::new();
     for (number, (name, rgb)) in materials.iter().enumerate() {
-        let truth = BivariateTable::luminance(rgb);
         for turn in 0..per_material {
             let serial = number * per_material + turn;
             // Steps of five lights visit all of them, unless their number is a multiple of five.
@@ -210,19 +211,22 @@ pub(crate) fn run(data: &Path, options: &PatternsOptions) -> Result<()> {
                 let normal = Vec3::new(nx, ny, (1.0 - nx * nx - ny * ny).max(0.0).sqrt());
                 if is_second(normal) { other.rgb[(x, y)] } else { first.rgb[(x, y)] }
             });
-            let plain = photograph(first.rgb.clone(), first.alpha.clone(), &mut random);
             let painted = photograph(painted, first.alpha.clone(), &mut random);
-            let results = [(&plain, false), (&painted, false), (&painted, true)]
-                .map(|(picture, keep)| infer(&model, picture, circle, keep));
-            let [plain, ignored, kept] = results;
-            let (plain, ignored, kept) = (plain?, ignored?, kept?);
-            let error = |table: Option<BivariateTable>| table.map(|table| log_error(&table, &truth));
+            let kept = infer(&model, &painted, circle, true)?;
+            let ignored = infer(&model, &painted, circle, false)?;
+            // gonio estimates the paint that covers more: the second one if the other is brighter.
+            let (picture, tables) =
+                if ignored.ratio.is_some_and(|ratio| ratio > 1.0) { (other, &second) } else { (first, rgb) };
+            let truth = BivariateTable::luminance(tables);
+            let plain = photograph(picture.rgb.clone(), picture.alpha.clone(), &mut random);
+            let plain = infer(&model, &plain, circle, false)?;
+            let error = |inferred: &Inferred| inferred.table.as_ref().map(|table| log_error(table, &truth));
             records.push(Record {
                 material: name.clone(),
                 light: light.clone(),
                 pattern,
-                found: [ignored.0, plain.0],
-                errors: [error(plain.1), error(ignored.1), error(kept.1)],
+                found: [&ignored, &plain].map(|inferred| inferred.ratio.is_some()),
+                errors: [&plain, &ignored, &kept].map(error),
             });
             progress.step();
         }

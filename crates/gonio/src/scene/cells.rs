@@ -89,8 +89,13 @@ impl Cells {
     }
 
     /// Returns the colour whose channels have these logarithms, the inverse of [`Self::tone`].
-    pub(super) fn colour(&self, tone: DVec3) -> Vec3 {
-        (tone.exp().as_vec3() - self.floor).max(Vec3::ZERO)
+    pub(super) fn radiance(&self, tone: DVec3) -> DVec3 {
+        (tone.exp() - self.floor.as_dvec3()).max(DVec3::ZERO)
+    }
+
+    /// Returns the offset added to all channels before the logarithm.
+    pub(super) fn floor(&self) -> f64 {
+        f64::from(self.floor.x)
     }
 
     /// Returns the cell of a pixel; `None` outside of the cells.

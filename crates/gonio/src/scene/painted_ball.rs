@@ -19,14 +19,21 @@ pub(super) fn usable(at: (usize, usize)) -> bool {
     normal(at).z > 0.17
 }
 
-/// A ball whose radiance is `f` of the normal and the mirrored view.
-pub(super) fn ball(f: impl Fn(Vec3, Vec3) -> Vec3) -> Plane<Vec3> {
-    let mut noise = 1_u32;
+/// A ball whose radiance is `f` of the normal and the mirrored view, without noise.
+pub(super) fn clean_ball(f: impl Fn(Vec3, Vec3) -> Vec3) -> Plane<Vec3> {
     Plane::from_fn(SIZE, SIZE, |x, y| {
         let n = normal((x, y));
+        f(n, 2.0 * n.z * n - Vec3::Z)
+    })
+}
+
+/// The same ball with noise of up to 2 %.
+pub(super) fn ball(f: impl Fn(Vec3, Vec3) -> Vec3) -> Plane<Vec3> {
+    let mut noise = 1_u32;
+    clean_ball(f).map(|radiance| {
         noise = noise.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
         let grain = 1.0 + 0.02 * ((noise >> 8) as f32 / (1 << 23) as f32 - 1.0);
-        grain * f(n, 2.0 * n.z * n - Vec3::Z)
+        grain * *radiance
     })
 }
 

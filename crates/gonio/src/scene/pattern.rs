@@ -10,6 +10,8 @@
 //! 2. Alternately, shading and step are fitted to the groups, and each cell joins the paint that it
 //!    agrees with better.
 //! 3. Parts of a group without the step along their border join the other group.
+//! 4. If the second paint can be converted to the first, cells are assigned again by the
+//!    conversion: where reflections at the surface hide the step, earlier assignments are wrong.
 //!
 //! Reflections in a mirror can be segmented in the same way, but the steps along their borders are
 //! neither equal nor as high as the difference of the groups. The pattern must pass this test. On a
@@ -19,10 +21,15 @@
 
 mod convert;
 mod groups;
+mod reassign;
+mod separate;
 
 use glam::{DVec3, Vec3};
 
+use self::convert::Conversion;
 use self::groups::{Groups, Step, deviation, dilated};
+use self::reassign::reassign;
+use self::separate::{Photograph, separate};
 use super::cells::{Cells, SurfaceGeometry};
 use super::components::neighbours;
 use super::shading::{ShadingBasis, TwoPaints};
@@ -40,11 +47,6 @@ const DEGREES: [(usize, usize); 2] = [(4, 25), (6, 8)];
 const PASSES: usize = 3;
 /// Smallest share of the object of each paint.
 const MIN_SHARE: f64 = 0.1;
-/// Smallest share of the object that must remain without the second paint and its margin.
-const MIN_REMAINING: f64 = 0.15;
-/// Share of the object without the second paint below which gonio converts this paint. An
-/// interpolation over small spots and labels is more accurate (docs/trials.md).
-const MAX_CONVERTED: f64 = 0.5;
 /// Smallest number of steps along the border of the paints.
 const MIN_STEPS: usize = 30;
 /// Smallest difference of the paints, a natural logarithm.
@@ -84,11 +86,12 @@ pub(super) fn segment_pattern(
     surface: &SurfaceGeometry<'_>,
 ) -> Option<Pattern> {
     let cells = Cells::of(rgb, usable, surface, (CELLS, false))?;
-    STARTS.into_iter().find_map(|min_z| segment_cells(&cells, min_z, surface.convex, rgb))
+    let photograph = Photograph { rgb, usable, surface };
+    STARTS.into_iter().find_map(|min_z| segment_cells(&cells, min_z, &photograph))
 }
 
 /// Detects a pattern from the start with normals of at least `min_z`.
-fn segment_cells(cells: &Cells, min_z: f32, is_convex: bool, rgb: &Plane<Vec3>) -> Option<Pattern> {
+fn segment_cells(cells: &Cells, min_z: f32, photograph: &Photograph<'_>) -> Option<Pattern> {
     let mut groups = Groups::of(cells, min_z)?;
     let (mut step, mut weights) = (DVec3::ZERO, vec![1.0; groups.tones.len()]);
     let mut basis = ShadingBasis::new(&[], 0);
@@ -111,37 +114,16 @@ fn segment_cells(cells: &Cells, min_z: f32, is_convex: bool, rgb: &Plane<Vec3>) 
     let fit = basis.fit_two(&groups.tones, &groups.other, &weights)?;
     let weights = groups.weights(&fit, groups.scale(&fit));
     let step = basis.fit_two(&groups.tones, &groups.other, &weights)?.step;
-    let steps = groups.steps();
-    let changes: Vec<DVec3> = steps.iter().map(|step| step.change).collect();
+    let changes: Vec<DVec3> = groups.steps().iter().map(Step::change).collect();
     // Shadows lower all channels.
     let is_shadow = step.max_element() < MIN_RISE || step.min_element() > -MIN_RISE;
-    if is_shadow && !is_convex {
+    if is_shadow && !photograph.surface.convex {
         return None;
     }
     if !is_pattern(step, &changes) {
         return None;
     }
-    let margin = if cells.side > 1 { 1 } else { 2 };
-    let ignored = dilated(groups.in_second(), margin);
-    let remaining = groups.places.iter().filter(|at| !ignored[**at]).count();
-    let share = remaining as f64 / groups.places.len() as f64;
-    let is_enough = share >= MIN_REMAINING;
-    is_enough.then(|| {
-        let second = step.exp().as_vec3();
-        let converted = match share < MAX_CONVERTED {
-            true => groups.converted(cells, rgb, &steps, margin),
-            false => rgb.map(|_| None),
-        };
-        let other = cells.pixels(&ignored, rgb.size());
-        let other = Plane::from_fn(rgb.width(), rgb.height(), |x, y| other[(x, y)] && converted[(x, y)].is_none());
-        let paint = |is_second: &bool| if *is_second { second } else { Vec3::ONE };
-        Pattern {
-            other,
-            converted,
-            ratio: groups.ratio(step),
-            relative: groups.second_paint(cells, rgb, step).map(paint),
-        }
-    })
+    separate(&mut groups, step, cells, photograph)
 }
 
 /// Whether the steps along the border of two groups are those of two paints that differ by `step`.

@@ -85,7 +85,7 @@ impl ShadingBasis {
 
 /// Returns the products of Legendre polynomials of x and y, of total degree up to `degree`, and
 /// the products of total degree below `degree` times z.
-fn polynomials(normal: DVec3, degree: usize) -> Vec<f64> {
+pub(super) fn polynomials(normal: DVec3, degree: usize) -> Vec<f64> {
     let legendre = |x: f64| {
         let mut all = vec![1.0, x];
         for n in 1..degree {
@@ -105,6 +105,13 @@ fn polynomials(normal: DVec3, degree: usize) -> Vec<f64> {
         }
     }
     all
+}
+
+/// Returns the degree of each of these polynomials.
+pub(super) fn degrees(degree: usize) -> impl Iterator<Item = usize> {
+    (0..=degree).flat_map(move |i| {
+        (0..=degree - i).flat_map(move |j| [i + j, i + j + 1].into_iter().take(1 + usize::from(i + j < degree)))
+    })
 }
 
 /// Solves weighted least squares for three channels; one column per value.

@@ -48,8 +48,15 @@ pub(super) struct Groups {
 pub(super) struct Step {
     /// Indices of a cell of the first group and its neighbour in the second.
     pub(super) cells: [usize; 2],
-    /// Difference of the tones of both groups, extrapolated to the border from both sides.
-    pub(super) change: DVec3,
+    /// Tones of the first and the second group, extrapolated to the border from their side.
+    pub(super) tones: [DVec3; 2],
+}
+
+impl Step {
+    /// Difference of the tones.
+    pub(super) fn change(&self) -> DVec3 {
+        self.tones[1] - self.tones[0]
+    }
 }
 
 impl Groups {
@@ -75,7 +82,7 @@ impl Groups {
     }
 
     /// Returns the index of the cell at an offset from another.
-    fn at(&self, (u, v): (usize, usize), offset: (isize, isize)) -> Option<usize> {
+    pub(super) fn at(&self, (u, v): (usize, usize), offset: (isize, isize)) -> Option<usize> {
         let (u, v) = (u.checked_add_signed(offset.0)?, v.checked_add_signed(offset.1)?);
         if u < self.index.width() && v < self.index.height() { self.index[(u, v)] } else { None }
     }
@@ -86,6 +93,12 @@ impl Groups {
         let exp = |tone: DVec3| f64::from(luminance(tone.exp().as_vec3()));
         let first = || self.tones.iter().zip(&self.other).filter(|(_, other)| !**other).map(|(tone, _)| *tone);
         first().map(|tone| exp(tone + step)).sum::<f64>() / first().map(exp).sum::<f64>()
+    }
+
+    /// Returns the normal between the cells of a step.
+    pub(super) fn normal_of(&self, step: &Step) -> Vec3 {
+        let [first, second] = step.cells.map(|cell| self.normals[cell]);
+        (first + second).normalize_or(first)
     }
 
     pub(super) fn count(&self) -> usize {
@@ -206,10 +219,10 @@ impl Groups {
                 else {
                     continue;
                 };
-                // The mean slope of both sides, over the three cells between the two tones.
-                let change = b - a - 0.75 * ((a - before) + (after - b));
-                let (cells, change) = if own { ([next, i], -change) } else { ([i, next], change) };
-                steps.push(Step { cells, change });
+                // The border is 1.5 cells beyond each tone.
+                let (here, there) = (a + 0.75 * (a - before), b - 0.75 * (after - b));
+                let (cells, tones) = if own { ([next, i], [there, here]) } else { ([i, next], [here, there]) };
+                steps.push(Step { cells, tones });
             }
         }
         steps
@@ -239,9 +252,9 @@ impl Groups {
             parts.push(members);
         }
         let mut heights: Vec<Vec<f64>> = vec![Vec::new(); parts.len()];
-        for Step { cells, change } in self.steps() {
-            let height = change.dot(step) / step.length_squared();
-            cells.iter().for_each(|cell| heights[part[*cell]].push(height));
+        for own in self.steps() {
+            let height = own.change().dot(step) / step.length_squared();
+            own.cells.iter().for_each(|cell| heights[part[*cell]].push(height));
         }
         let mut order: Vec<usize> = (0..parts.len()).collect();
         order.sort_by_key(|p| parts[*p].len());

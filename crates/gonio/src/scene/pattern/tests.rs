@@ -1,6 +1,6 @@
 use super::*;
 use crate::picture::luminance;
-use crate::scene::painted_ball::{SIZE, ball, highlights, irradiance, normal, usable};
+use crate::scene::painted_ball::{SIZE, ball, clean_ball, highlights, irradiance, normal, usable};
 
 /// Paints of the tests: checkers, stripes, spots, two halves and a label.
 const PATTERNS: [fn(Vec3) -> bool; 5] = [
@@ -65,24 +65,33 @@ fn ignores_the_smaller_part_of_a_pattern() {
 }
 
 #[test]
-fn converts_checkers_to_the_larger_paint_and_ignores_labels() {
-    let radiance = |n, r, colour: Vec3| irradiance(n, 0.3) * colour + 0.3 * highlights(r, 300.0);
+fn converts_the_second_paint_to_the_larger_one() {
     let (body, paint) = (Vec3::splat(0.5), Vec3::new(0.15, 0.1, 0.2));
-    let painted = |is_paint: fn(Vec3) -> bool| ball(|n, r| radiance(n, r, if is_paint(n) { paint } else { body }));
-    let picture = painted(PATTERNS[0]);
-    let found = segment(&picture).unwrap();
-    let is_larger_body = found.ratio < 1.0;
-    let plain = ball(|n, r| radiance(n, r, if is_larger_body { body } else { paint }));
-    let converted = (0..SIZE * SIZE).map(|i| (i % SIZE, i / SIZE)).filter(|at| usable(*at));
-    let errors: Vec<f64> =
-        converted.filter_map(|at| Some(f64::from((found.converted[at]? / plain[at]).y.ln().abs()))).collect();
-    assert!(errors.len() > 10_000, "{}", errors.len());
-    let large = errors.iter().filter(|error| **error > 0.2).count();
-    let middle = median(errors.iter().copied()).unwrap();
-    assert!(middle < 0.01 && 50 * large < errors.len(), "{middle} {large} of {}", errors.len());
-
-    let label = segment(&painted(PATTERNS[4])).unwrap();
-    assert!(label.converted.as_slice().iter().all(Option::is_none));
+    // Equal reflections at the surface; proportional reflections.
+    for (gloss, is_proportional) in [(0.3, false), (0.3, true)] {
+        for (number, least) in [(0, 10_000), (4, 1_000)] {
+            let radiance = |n: Vec3, r: Vec3, colour: Vec3| {
+                let reflected = if is_proportional { colour / body } else { Vec3::ONE };
+                irradiance(n, 0.3) * colour + gloss * highlights(r, 300.0) * reflected
+            };
+            let is_paint = PATTERNS[number];
+            let picture = ball(|n, r| radiance(n, r, if is_paint(n) { paint } else { body }));
+            let found = segment(&picture).unwrap();
+            let is_larger_body = found.ratio < 1.0;
+            let plain = clean_ball(|n, r| radiance(n, r, if is_larger_body { body } else { paint }));
+            let converted = (0..SIZE * SIZE).map(|i| (i % SIZE, i / SIZE)).filter(|at| usable(*at));
+            let errors: Vec<f64> =
+                converted.filter_map(|at| Some(f64::from((found.converted[at]? / plain[at]).y.ln().abs()))).collect();
+            assert!(errors.len() > least, "{number} {is_proportional}: {}", errors.len());
+            let large = errors.iter().filter(|error| **error > 0.2).count();
+            let middle = median(errors.iter().copied()).unwrap();
+            assert!(
+                middle < 0.011 && 50 * large < errors.len(),
+                "{number} {is_proportional}: {middle} {large} of {}",
+                errors.len()
+            );
+        }
+    }
 }
 
 #[test]
@@ -95,7 +104,8 @@ fn detects_a_label_beside_a_bright_rim() {
     });
     let found = segment(&rgb).unwrap();
     assert!((found.ratio / (0.25 / 0.7)).ln().abs() < 0.1, "{}", found.ratio);
-    assert!(found.other[(150, 140)] && !found.other[(150, 240)]);
+    assert!(found.relative[(150, 140)] != Vec3::ONE && found.relative[(150, 240)] == Vec3::ONE);
+    assert!(found.other[(150, 140)] || found.converted[(150, 140)].is_some());
 }
 
 #[test]

@@ -108,8 +108,8 @@ struct Record {
     pattern: Pattern,
     /// Whether two paints are detected on the painted ball, and on the one without paint.
     found: [bool; 2],
-    /// Errors without paint, with the second paint ignored, and with all pixels; `None` for an
-    /// estimate that the photograph contradicts.
+    /// Errors without the other paint, with this paint converted or ignored, and with all pixels
+    /// as they are; `None` for an estimate that the photograph contradicts.
     errors: [Option<f64>; 3],
 }
 
@@ -214,7 +214,7 @@ pub(crate) fn run(data: &Path, options: &PatternsOptions) -> Result<()> {
             let painted = photograph(painted, first.alpha.clone(), &mut random);
             let kept = infer(&model, &painted, circle, true)?;
             let ignored = infer(&model, &painted, circle, false)?;
-            // gonio estimates the paint that covers more: the second one if the other is brighter.
+            // The ratio is above one if the estimated paint is the darker one, `second`.
             let (picture, tables) =
                 if ignored.ratio.is_some_and(|ratio| ratio > 1.0) { (other, &second) } else { (first, rgb) };
             let truth = BivariateTable::luminance(tables);
@@ -251,9 +251,10 @@ fn csv(records: &[Record]) -> String {
 
 /// Formats the mean errors of photographs whose paints are detected, by pattern.
 fn table(records: &[Record]) -> String {
-    let mut text = "| pattern | photographs | found | without paint | second paint ignored | all pixels |\n\
+    let mut text =
+        "| pattern | photographs | found | without paint | second paint converted or ignored | all pixels |\n\
                     |---|---|---|---|---|---|\n"
-        .to_owned();
+            .to_owned();
     for pattern in Pattern::ALL.map(Some).into_iter().chain([None]) {
         let of: Vec<&Record> = records.iter().filter(|r| pattern.is_none_or(|pattern| r.pattern == pattern)).collect();
         let found: Vec<[f64; 3]> =

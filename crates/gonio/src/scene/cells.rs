@@ -88,7 +88,7 @@ impl Cells {
         tone(colour.max(Vec3::ZERO), self.floor)
     }
 
-    /// Returns the colour whose channels have these logarithms, the inverse of [`Self::tone`].
+    /// Returns the channels that have these logarithms, the inverse of [`Self::tone`].
     pub(super) fn radiance(&self, tone: DVec3) -> DVec3 {
         (tone.exp() - self.floor.as_dvec3()).max(DVec3::ZERO)
     }

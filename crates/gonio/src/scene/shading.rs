@@ -158,6 +158,18 @@ mod tests {
     }
 
     #[test]
+    fn polynomials_are_odd_or_even_as_their_degree() {
+        let normal = DVec3::new(0.3, -0.5, 0.81);
+        let (there, opposite) = (polynomials(normal, 6), polynomials(-normal, 6));
+        let degrees: Vec<usize> = degrees(6).collect();
+        assert_eq!((degrees.len(), degrees.iter().max()), (there.len(), Some(&6)));
+        for (degree, (a, b)) in degrees.iter().zip(there.iter().zip(&opposite)) {
+            let sign = if degree % 2 == 0 { 1.0 } else { -1.0 };
+            assert!((a - sign * b).abs() < 1e-12, "degree {degree}: {a} {b}");
+        }
+    }
+
+    #[test]
     fn a_step_on_shading_is_recovered() {
         let normals = normals();
         let other: Vec<bool> = normals.iter().map(|n| (6.0 * n.x).floor() as i32 % 2 == 0).collect();

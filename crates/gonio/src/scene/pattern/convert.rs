@@ -18,6 +18,7 @@ use faer::Mat;
 use glam::{DVec3, Vec3};
 use gonio_linalg::{Cholesky, axpy, dot, squared_norms, weighted_gram};
 
+use super::groups::robust_weight;
 use super::{Cells, Groups, deviation};
 use crate::scene::shading::{degrees, polynomials};
 use crate::statistics::median;
@@ -39,8 +40,6 @@ const PROPORTIONAL_SCALE: [f64; 2] = [1.1, 0.8];
 const MAX_SCALE: f64 = 0.1;
 /// Number of rounds of the robust fit.
 const ROUNDS: usize = 12;
-/// Residual at which the weight of a step is one half, in units of the scale of the residuals.
-const HALF_WEIGHT: f64 = 2.5;
 /// Smallest scale of the residuals, relative to the radiance.
 const MIN_SCALE: f64 = 0.005;
 
@@ -175,7 +174,7 @@ impl ChannelConversion {
                 .map(|(i, value)| value - dot(columns.col_as_slice(i), &coefficients))
                 .collect();
             scale = deviation(residuals.iter().copied()) + MIN_SCALE;
-            weights = residuals.iter().map(|r| 1.0 / (1.0 + (r / (HALF_WEIGHT * scale)).powi(2))).collect();
+            weights = residuals.iter().map(|residual| robust_weight(residual / scale)).collect();
             fit = Some(Self { coefficients, precision, floor, scale });
         }
         fit

@@ -22,7 +22,7 @@ const STEP: (f64, f64) = (0.15, 0.005);
 const DIFFERENCE_ROUNDS: usize = 12;
 /// Squared residual, in units of the squared scale, beyond which a cell does not decide.
 const MAX_SQUARE: f64 = 25.0;
-/// Residual at which the weight of a cell is one half, in units of the scale.
+/// Residual at which a weight of a robust fit is one half, in units of the scale.
 const HALF_WEIGHT: f64 = 2.5;
 /// Smallest scale of the residuals.
 const MIN_SCALE: f64 = 0.01;
@@ -194,7 +194,7 @@ impl Groups {
     pub(super) fn weights(&self, fit: &TwoPaints, scale: DVec3) -> Vec<f64> {
         let weight = |i: usize| {
             let own = (self.residual(fit, i, self.other[i]) / scale).abs().max_element();
-            1.0 / (1.0 + (own / HALF_WEIGHT).powi(2))
+            robust_weight(own)
         };
         (0..self.other.len()).map(weight).collect()
     }
@@ -309,7 +309,7 @@ impl Groups {
 
     /// Returns the cells of the second group. A cell without a tone belongs to the group of the
     /// nearest cell with one.
-    pub(super) fn in_second(&self) -> Plane<bool> {
+    fn in_second(&self) -> Plane<bool> {
         let size = self.index.size();
         let mut group = self.index.map(|index| index.map(|i| self.other[i]));
         let mut front = self.places.clone();
@@ -359,6 +359,11 @@ fn two_groups(residuals: &[DVec3], is_fitted: &[bool]) -> Vec<bool> {
     }
     let middle = 0.5 * (centres[0] + centres[1]);
     clipped.iter().map(|r| r.dot(axis) > middle).collect()
+}
+
+/// Returns the weight of a residual, in units of the scale, in the next round of a robust fit.
+pub(super) fn robust_weight(residual: f64) -> f64 {
+    1.0 / (1.0 + (residual / HALF_WEIGHT).powi(2))
 }
 
 /// Returns the standard deviation about zero of normal values with this median absolute value.

@@ -24,7 +24,7 @@ PROGRAM, DATA, MERL, WORK = (Path(argument).resolve() for argument in sys.argv[1
 IMAGES = Path(__file__).parent / "images"
 LIGHTS = DATA / "lighting" / "test"
 HANGAR, SHOP = LIGHTS / "small_hangar_01.hdr", LIGHTS / "autoshop_01.hdr"
-BLUE, GREEN = (DATA / "rgl" / f"{name}_rgb.bsdf" for name in ("vch_silk_blue", "cm_military_green"))
+BLUE, GREEN, MINT = (DATA / "rgl" / f"{name}_rgb.bsdf" for name in ("vch_silk_blue", "cm_military_green", "chm_mint"))
 # Radius of the ball in the pictures of gonio render, over half their width.
 BALL = 0.984
 PAPER, INK = "#1d1f22", "#dddddd"
@@ -282,6 +282,22 @@ def light_found():
     save(figure, "light-found.png")
 
 
+def light_of_mirror():
+    """A nearly perfect mirror, its reproduction, the light of the photograph and the estimated light."""
+    photograph = render(MINT, HANGAR, "mint.exr", "--size", 400, "--samples", 3)
+    notes = infer("mint.exr", "mint")
+    made = render("mint/brdf.npz", "mint/light.exr", "made.exr", "--size", 400)
+    gonio("infer", "mint.exr", "-o", "mint-lit", "--no-report", "--light", HANGAR, "--align-light", "fixed", "--force")
+    true, found = read(WORK / "mint-lit/light.exr")[..., :3], read(WORK / "mint/light.exr")[..., :3]
+    figure, axes = page(1, 4, height=2.6, width_ratios=[1.3, 1.3, 2, 2])
+    show(axes[0, 0], ball(photograph), "the photograph")
+    show(axes[0, 1], ball(made), f"the reproduction:\nmisfit {100 * notes['residual']['misfit']:.0f} %")
+    show(axes[0, 2], tone(true, white_of(true)), "the light of the photograph", aspect="auto")
+    show(axes[0, 3], tone(found, white_of(found)), "the estimated light", aspect="auto")
+    print("mirror", notes["residual"], peak(notes), notes["warnings"])
+    save(figure, "light-of-mirror.png")
+
+
 def misfits(photograph, blind, lit, wrong):
     """Photograph, reproduction and difference: unknown light, correct environment map and wrong environment map."""
     figure, axes = page(3, 4, height=7.4, width_ratios=[1, 1, 1, 2.1])
@@ -354,6 +370,7 @@ def main():
     candidates(photograph, blind)
     interval(blind)
     light_found()
+    light_of_mirror()
     misfits(photograph, blind, lit, wrong)
     dull_light()
     two_paints()

@@ -21,7 +21,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     };
     let model = gonio_io::model::embedded()?;
     let settings = EstimateSettings { side: 16, ..EstimateSettings::default() };
-    let light = Light::of(&model, &ball.observations, &brdf, &settings, &|_| ())?;
+    let light = Light::of(&model.light, &ball.observations, &brdf, &settings, &|_| ())?;
     println!("misfit {:.1} %, {:.0} coefficients determined", 100.0 * light.misfit, light.effective);
     if let Some(out) = paths.next() {
         gonio_io::atomic::write_file(out, &encode_exr(&light.grid.to_lat_long(64), None))?;

@@ -166,6 +166,7 @@ fn light(light: &Light) -> result::Light {
         coefficients: light.coefficients.clone(),
         sd: light.sd.clone(),
         exposure: Some(light.exposure),
+        side: Some(light.grid.side()),
         observations: Some(light.observations),
         estimator: Some(estimator.to_owned()),
         steps,

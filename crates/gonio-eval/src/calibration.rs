@@ -7,6 +7,8 @@
 //! coverage of 90 %. It is a quantile of the errors that the draws leave unexplained (split
 //! conformal prediction).
 
+mod residuals;
+
 use std::fmt::Write as _;
 use std::path::Path;
 
@@ -17,8 +19,10 @@ use gonio::gloss::GgxWidths;
 use gonio::inference::learnt::peak_height;
 use gonio::reflectance::{BivariateTable, THETA_D, brdf_scale, theta_d_of, theta_h_of, trusted_cells};
 
+use self::residuals::Residual;
 use crate::colour::{ColourEstimator, Subject, photographs, subjects, train_colours};
 use crate::data::{Lights, ModelOption};
+use crate::metrics::brdf_error;
 
 /// Ends of the bands of half angle, in degrees.
 pub(crate) const BANDS: [f64; 7] = [0.0, 4.0, 10.0, 20.0, 35.0, 55.0, 80.0];
@@ -78,15 +82,6 @@ struct Cell {
     held: [bool; 2],
 }
 
-/// Residual of a photograph under unknown light, and its expected value.
-struct Residual {
-    misfit: f64,
-    expected: f64,
-    fineness: f64,
-    gloss: f64,
-    name: String,
-}
-
 /// Whether the 90 % intervals of gloss, roughness and chroma of one estimate contain the true
 /// values.
 struct Numbers {
@@ -118,12 +113,13 @@ pub(crate) fn run(data: &Path, options: &CalibrationOptions) -> Result<()> {
             let lit = estimator == ColourEstimator::KnownLight;
             if !lit {
                 let settings = EstimateSettings::default();
-                let found = Light::of(&model, &photograph.observations, &material.table, &settings, &|_| ())?;
+                let found = Light::of(&model.light, &photograph.observations, &material.table, &settings, &|_| ())?;
                 residuals.push(Residual {
                     misfit: found.misfit,
                     expected: expected_misfit(&material),
                     fineness: material.fineness,
-                    gloss: material.peak_height[1],
+                    peak_height: material.peak_height[1],
+                    error: brdf_error(&material.table, &BivariateTable::luminance(&subject.rgb)),
                     name: format!("{} in {light}", subject.name),
                 });
             }
@@ -132,7 +128,7 @@ pub(crate) fn run(data: &Path, options: &CalibrationOptions) -> Result<()> {
         }
         Ok(())
     })?;
-    print!("{}{}{}", report(&cells), report_of_numbers(&numbers), report_of_residuals(&residuals));
+    print!("{}{}{}", report(&cells), report_of_numbers(&numbers), residuals::report(&residuals));
     Ok(())
 }
 
@@ -249,30 +245,6 @@ fn report_of_numbers(numbers: &[Numbers]) -> String {
 
 /// Reports the ratios of residuals to their expected values, and the photographs with the largest
 /// ratios.
-fn report_of_residuals(residuals: &[Residual]) -> String {
-    let mut sorted: Vec<&Residual> = residuals.iter().collect();
-    sorted.sort_by(|a, b| (a.misfit / a.expected).total_cmp(&(b.misfit / b.expected)));
-    let at = |share: f64| {
-        let one = sorted[(share * (sorted.len() - 1) as f64).round() as usize];
-        one.misfit / one.expected
-    };
-    let mut out = format!(
-        "\nresidual over the expected one, {} photographs: median {:.2}, 95 % {:.2}, 99 % {:.2}; the largest:\n",
-        sorted.len(),
-        at(0.5),
-        at(0.95),
-        at(0.99)
-    );
-    for one in sorted.iter().rev().take(8) {
-        let _ = writeln!(
-            out,
-            "* {}: {:.3} of {:.3}, detail {:.3}, gloss {:.0}",
-            one.name, one.misfit, one.expected, one.fineness, one.gloss
-        );
-    }
-    out
-}
-
 fn report(cells: &[Cell]) -> String {
     let mut out = String::new();
     for lit in [false, true] {

@@ -10,14 +10,16 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
-use glam::DQuat;
+use glam::{DQuat, Vec3};
 use gonio::appearance::Lattice;
+use gonio::estimate::{EstimateSettings, Light, LightEstimator};
 use gonio::inference::learnt::peak_height;
 use gonio::inference::light::{LightProblem, cut_off_at_zero};
 use gonio::lighting::{LightGrid, LightPrior};
 use gonio::picture::luminance;
 use gonio::reflectance::BivariateTable;
 use gonio::render::{LightTree, Relighter};
+use gonio::scene::Observations;
 use gonio::shape::SurfacePoint;
 use gonio::sphere::OctahedralMap;
 use gonio::transfer::TransferSettings;
@@ -46,8 +48,9 @@ pub(crate) struct LightsOptions {
 }
 
 /// Methods of estimating a light: the mean of the posterior, that mean clipped at zero, and the
-/// mean of the posterior without negative texels.
-const METHODS: [&str; 3] = ["mean", "clipped mean", "non-negative mean"];
+/// mean of the posterior without negative texels. [`Light::of`] refines the last one for narrow lobes,
+/// from a photograph with more points.
+const METHODS: [&str; 4] = ["mean", "clipped mean", "non-negative mean", "refined"];
 
 /// BRDFs from which the light is estimated.
 const GIVEN: [&str; 2] = ["true", "estimated"];
@@ -98,12 +101,16 @@ pub(crate) fn run(data: &Path, options: &LightsOptions) -> Result<()> {
         let [relighter, photographer] = [&points, &dense].map(|p| Relighter::new(p, &tables, &tree, &ACCURACY));
         for (material, table) in &materials {
             let image = relighter.render(table);
-            let photograph = on_disk(&dense, photographer.render(table).into_iter().map(Some))?;
+            let pixels = photographer.render(table);
+            let rgb: Vec<Vec3> = pixels.iter().map(|y| Vec3::splat(*y as f32)).collect();
+            let observations = Observations::of_points(dense.clone(), &rgb);
+            let photograph = on_disk(&dense, pixels.into_iter().map(Some))?;
             let estimate = learnt.posterior(&photograph).mean;
             for (given, brdf) in GIVEN.into_iter().zip([table, &estimate]) {
                 let found = find(&points, &image, brdf, &model.light)
                     .with_context(|| format!("{material} in {light}, {given} BRDF"))?;
-                records.extend(found.into_iter().zip(METHODS).map(|(found, method)| Record {
+                let refined = refined(&observations, brdf, &model.light)?;
+                records.extend(found.into_iter().chain([refined]).zip(METHODS).map(|(found, method)| Record {
                     light: light.clone(),
                     material: material.clone(),
                     given,
@@ -166,6 +173,16 @@ fn find(points: &[SurfacePoint], image: &[f64], brdf: &BivariateTable, prior: &L
     let positive = problem.non_negative(&posterior)?;
     let positive = found(&positive.light, positive.exposure, start, positive.converged);
     Ok([mean, clipped, positive])
+}
+
+/// Estimates the light of a photograph, and reduces it to the grid of the other methods. The
+/// seconds are those of all steps.
+fn refined(observations: &Observations, brdf: &BivariateTable, prior: &LightPrior) -> Result<Found> {
+    let (settings, start) = (EstimateSettings::default(), Instant::now());
+    let light = Light::of(prior, observations, brdf, &settings, &|_| ())?;
+    let texels = light.grid.reduced(settings.side).texels().iter().map(|t| f64::from(t.x)).collect();
+    let converged = matches!(light.estimator, LightEstimator::NonNegative { converged: true, .. });
+    Ok(Found { texels, misfit: light.misfit, seconds: start.elapsed().as_secs_f64(), converged })
 }
 
 fn texels(map: OctahedralMap, coefficients: &[f64]) -> Vec<f64> {

@@ -3,8 +3,6 @@
 //! materials and test lights remain unused. Each left-out material is photographed twice in each
 //! left-out light: without camera effects ("clean") and with random ones ("camera").
 
-mod misfit;
-
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -13,7 +11,6 @@ use clap::Args;
 use glam::DQuat;
 use gonio::appearance::Lattice;
 use gonio::inference::learnt::{LearntPosterior, MaterialPosterior, peak_height};
-use gonio::lighting::LightPrior;
 use gonio::reflectance::{BivariateTable, MaterialKind, Prior};
 use gonio::render::Relighter;
 use gonio::simulation::{LightKind, PhotographEffects, SceneRenderer, generator};
@@ -21,7 +18,6 @@ use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use rayon::prelude::*;
 
-use self::misfit::LightMisfit;
 use crate::bench::DRAFT;
 use crate::cache::Cache;
 use crate::data::Lights;
@@ -85,8 +81,6 @@ struct Outcome {
     coverage: Option<[f64; 2]>,
     /// Whether the 90 % interval of the gloss contains the true gloss.
     held: Option<bool>,
-    /// Residual of a clean photograph.
-    left: Option<LightMisfit>,
 }
 
 pub(crate) fn run(data: &Path, options: &FoldsOptions) -> Result<()> {
@@ -141,7 +135,7 @@ fn learning(options: &FoldsOptions) -> Learning {
     learning
 }
 
-/// Materials, renderer and prior for the test of a fold.
+/// Materials and renderer for the test of a fold.
 struct Test {
     /// Number of the fold.
     fold: usize,
@@ -150,8 +144,6 @@ struct Test {
     tables: Vec<BivariateTable>,
     /// Renderer of the photographs.
     renderer: SceneRenderer,
-    /// Prior of light, for the residual of a photograph.
-    prior: LightPrior,
 }
 
 impl Test {
@@ -180,7 +172,7 @@ impl Test {
                 names.push((group.to_owned(), name));
             }
         }
-        Ok(Self { fold, names, tables, renderer: SceneRenderer::new(), prior: gonio_io::model::embedded()?.light })
+        Ok(Self { fold, names, tables, renderer: SceneRenderer::new() })
     }
 
     fn run(&self, learnt: &LearntPosterior, lights: &Lights, unlit: &[&str], relit: &[&str]) -> Result<Vec<Outcome>> {
@@ -203,8 +195,6 @@ impl Test {
                     let mut outcome = self.judge(&posterior, &others, (m, title));
                     if (at + m).is_multiple_of(WITH_INTERVALS) {
                         self.add_intervals(&posterior, m, &mut outcome);
-                        outcome.left =
-                            (camera == CLEAN).then(|| LightMisfit::of(&image, &posterior, &self.prior)).transpose()?;
                     }
                     Ok(outcome)
                 })
@@ -233,7 +223,6 @@ impl Test {
             gloss: Gloss::of(estimate).peak - Gloss::of(truth).peak,
             coverage: None,
             held: None,
-            left: None,
         }
     }
 
@@ -287,7 +276,5 @@ fn report(outcomes: &[Outcome]) -> String {
     hardest.sort_by(|a, b| b.0.total_cmp(&a.0));
     out += "\n\nhardest (median log relight error):";
     hardest.iter().take(16).for_each(|(log, name)| write!(out, " {name} {log:.2};").expect("memory"));
-    let left: Vec<LightMisfit> = outcomes.iter().filter_map(|o| o.left).collect();
-    write!(out, "\n\n{}", misfit::report(&left)).expect("memory");
     out
 }

@@ -4,8 +4,11 @@ use serde::{Deserialize, Serialize};
 
 use super::{Circle, number_or_nan};
 
-/// The estimated light: radiance is `exposure` times the Haar synthesis of `coefficients`. For the
-/// default method, the light is the posterior mean without negative texels, given the BRDF.
+/// The estimated light, given the BRDF.
+///
+/// Its posterior mean is `exposure` times the Haar synthesis of `coefficients`. If the lobe of the
+/// BRDF is narrower than the texels of this synthesis, the default method refines the light: then
+/// `light.exr` shows more detail.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(default)]
@@ -17,7 +20,10 @@ pub struct Light {
     /// Radiance of a coefficient of one, on the scale of the photograph.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub exposure: Option<f64>,
-    /// Number of observations used.
+    /// Texels along a side of the grid of `light.exr`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub side: Option<usize>,
+    /// Number of observations used for the coefficients.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub observations: Option<usize>,
     /// How the light was made non-negative: `mean without negative texels`, or `mean cut off at
@@ -248,7 +254,8 @@ pub struct Residual {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct ColourResidual {
-    /// Relative RMS residual of the channels, given BRDF and light in colour.
+    /// Relative RMS residual of the channels, given BRDF and light in colour, with the photograph
+    /// scaled to the luminance of the reproduction.
     pub misfit: f64,
     /// RMS difference from blue to orange between the chroma of the photograph and that of the
     /// BRDF in a light of uniform colour, in natural logarithms. Captured lights vary in this

@@ -61,7 +61,7 @@ pub struct ChromaticLight {
     /// green-magenta axis, in natural logarithms. They exclude the noise of single pixels.
     pub chroma_residual: [f64; 2],
     /// Root mean square residual of the channels, given BRDF and coloured light, relative to the
-    /// photograph.
+    /// photograph at the luminance of the reproduction.
     pub misfit: f64,
 }
 
@@ -131,8 +131,9 @@ impl SquareContributions {
     /// Returns `None` if all observations are black.
     fn of(rows: &Rows, colouring: &Colouring, light: &Light) -> Option<Self> {
         let observations = &rows.observations;
-        let texels: Vec<f64> = light.grid.texels().iter().map(|t| f64::from(luminance(*t).max(0.0))).collect();
         let fine = rows.side;
+        let coarse = light.grid.reduced(fine);
+        let texels: Vec<f64> = coarse.texels().iter().map(|t| f64::from(luminance(*t).max(0.0))).collect();
         let side = fine.min(CHROMA_SIDE);
         let observed: Vec<usize> =
             (0..observations.values.len()).filter(|&i| observations.values[i].is_some()).collect();
@@ -148,7 +149,7 @@ impl SquareContributions {
                 let mut of_texels = coefficients.to_vec();
                 haar.inverse(&mut of_texels, &mut scratch);
                 for (t, (share, radiance)) in of_texels.iter().zip(&texels).enumerate() {
-                    sums[square_of(fine, side, t)] += scale * f64::from(*share) * radiance;
+                    sums[LightGrid::coarser_texel(fine, side, t)] += scale * f64::from(*share) * radiance;
                 }
             }
             sums
@@ -182,7 +183,7 @@ impl SquareContributions {
         let tints = self.posterior(&plain, light.misfit.max(MIN_ERROR), light.grid.map());
         let (fine, white) = (light.grid.side(), Vec3::from_array(self.white.map(|x| x as f32)));
         let texel = |(t, radiance): (usize, &Vec3)| {
-            let factor = tints[square_of(fine, self.side, t)];
+            let factor = tints[LightGrid::coarser_texel(fine, self.side, t)];
             // Preserves the luminance where a channel is clamped at zero.
             let colour = (white * (Vec3::ONE + factor.as_vec3())).max(Vec3::ZERO);
             luminance(*radiance) * colour / luminance(colour).max(1e-6)
@@ -219,15 +220,17 @@ impl SquareContributions {
         })
     }
 
-    /// Returns the relative root mean square residual, given the tints.
+    /// Returns the relative root mean square residual of the colours, given the tints.
     fn misfit(&self, tints: &[DVec3]) -> f64 {
         let (mut residual, mut all) = (0.0, 0.0);
         for (i, (observed, weight)) in self.colours.iter().zip(&self.weights).enumerate() {
-            for c in 0..3 {
-                let made: f64 = self.parts[c].col_as_slice(i).iter().zip(tints).map(|(g, t)| g * (1.0 + t[c])).sum();
-                residual += weight * (observed[c] - made).powi(2);
-                all += weight * observed[c].powi(2);
-            }
+            let channel = |c: usize| -> f64 {
+                self.parts[c].col_as_slice(i).iter().zip(tints).map(|(g, t)| g * (1.0 + t[c])).sum()
+            };
+            let made = DVec3::from_array([0, 1, 2].map(channel));
+            let observed = at_luminance_of(*observed, made);
+            residual += weight * (observed - made).length_squared();
+            all += weight * observed.length_squared();
         }
         (residual / all.max(f64::MIN_POSITIVE)).sqrt()
     }
@@ -305,12 +308,6 @@ fn at_luminance_of(colour: DVec3, other: DVec3) -> DVec3 {
     let luminance = |c: DVec3| f64::from(luminance(c.as_vec3())).max(0.0);
     let (have, want) = (luminance(colour), luminance(other));
     if have > 0.0 { colour * (want / have) } else { other }
-}
-
-/// Returns the square (`side` per side) that contains texel `t` (`fine` per side).
-fn square_of(fine: usize, side: usize, t: usize) -> usize {
-    let wide = fine / side;
-    (t / fine / wide) * side + t % fine / wide
 }
 
 #[cfg(test)]

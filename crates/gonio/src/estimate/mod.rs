@@ -41,7 +41,7 @@ pub use spots::without_misleading_spots;
 use crate::inference::ProductError;
 use crate::inference::known_light::KnownLightError;
 use crate::inference::light::LightError;
-use crate::lighting::LightGrid;
+use crate::lighting::{LightGrid, LightPrior};
 use crate::model::Model;
 use crate::reflectance::BivariateTable;
 use crate::scene::Observations;
@@ -196,13 +196,13 @@ pub fn estimate_with_task<T: Send>(
     progress: &(dyn Fn(EstimateStage) + Sync),
     beside: impl FnOnce(&MaterialEstimate, &Colouring) -> T + Send,
 ) -> Result<(Estimate, T), EstimateError> {
-    settings.check(model)?;
+    settings.check(&model.light)?;
     progress(EstimateStage::Material);
     let draft = MaterialDraft::of(model, observations, settings.side)?;
     let table = draft.table.clone();
     // The quantiles and colours of the posterior are computed in parallel with the light.
     let (light, (material, colouring, made, rows)) = rayon::join(
-        || Light::of(model, observations, &table, settings, progress),
+        || Light::of(&model.light, observations, &table, settings, progress),
         || {
             let colouring = draft.colouring(model, observations, &settings.colouring);
             let rows = Rows::of(&model.light, observations, &table, &colouring, settings.side);
@@ -232,7 +232,7 @@ impl ColouredMaterial {
     /// # Errors
     /// Those of [`estimate`].
     pub fn of(model: &Model, observations: &Observations, settings: &EstimateSettings) -> Result<Self, EstimateError> {
-        settings.check(model)?;
+        settings.check(&model.light)?;
         let draft = MaterialDraft::of(model, observations, settings.side)?;
         let colouring = draft.colouring(model, observations, &settings.colouring);
         Ok(Self { material: draft.describe(), colouring })
@@ -249,9 +249,9 @@ impl ColouredMaterial {
         settings: &EstimateSettings,
         progress: &(dyn Fn(EstimateStage) + Sync),
     ) -> Result<Estimate, EstimateError> {
-        settings.check(model)?;
+        settings.check(&model.light)?;
         let (table, colouring) = (&self.material.table, &self.colouring);
-        let light = Light::of(model, observations, table, settings, progress)?;
+        let light = Light::of(&model.light, observations, table, settings, progress)?;
         progress(EstimateStage::Colours);
         let rows = Rows::of(&model.light, observations, table, colouring, settings.side)?;
         let chromatic_light = rows.and_then(|rows| rows.under(colouring, &light));
@@ -278,8 +278,8 @@ fn check_observed(observations: &Observations) -> Result<(), EstimateError> {
 }
 
 impl EstimateSettings {
-    fn check(&self, model: &Model) -> Result<(), EstimateError> {
-        let most = model.light.finest_side();
+    fn check(&self, prior: &LightPrior) -> Result<(), EstimateError> {
+        let most = prior.finest_side();
         if self.side.is_power_of_two() && (4..=most).contains(&self.side) {
             Ok(())
         } else {

@@ -50,6 +50,30 @@ impl LightGrid {
         self
     }
 
+    /// Divides the texels into those of a finer grid.
+    ///
+    /// # Panics
+    /// If the side is not a power of two, or smaller than that of the grid.
+    pub(crate) fn divided(&self, side: usize) -> Self {
+        assert!(side >= self.side, "{side} texels per side out of {}", self.side);
+        let texel = |t: usize| self.texels[Self::coarser_texel(side, self.side, t)];
+        Self::from_texels(self.map, side, (0..side * side).map(texel).collect())
+    }
+
+    /// Returns the means over the texels of a coarser grid.
+    ///
+    /// # Panics
+    /// If the side is not a power of two, or larger than that of the grid.
+    pub fn reduced(&self, side: usize) -> Self {
+        assert!(side <= self.side, "{side} texels per side out of {}", self.side);
+        let wide = self.side / side;
+        let mut texels = vec![Vec3::ZERO; side * side];
+        for (t, texel) in self.texels.iter().enumerate() {
+            texels[Self::coarser_texel(self.side, side, t)] += *texel / (wide * wide) as f32;
+        }
+        Self::from_texels(self.map, side, texels)
+    }
+
     /// Layout of the sphere on the square.
     pub fn map(&self) -> OctahedralMap {
         self.map
@@ -74,6 +98,13 @@ impl LightGrid {
     pub(crate) fn centre_of(side: usize, texel: usize) -> (f64, f64) {
         let at = |i: usize| (2 * i + 1) as f64 / side as f64 - 1.0;
         (at(texel % side), -at(texel / side))
+    }
+
+    /// Returns the texel of a grid of `coarse` texels per side that contains texel `t` of one with
+    /// `side`.
+    pub(crate) fn coarser_texel(side: usize, coarse: usize, t: usize) -> usize {
+        let wide = side / coarse;
+        (t / side / wide) * coarse + t % side / wide
     }
 
     /// Returns the index of the texel that contains a unit direction.
@@ -142,6 +173,18 @@ mod tests {
     fn ramp(side: usize) -> LightGrid {
         let texels = (0..side * side).map(|t| Vec3::splat(1.0 + (t * 7 % 13) as f32)).collect();
         LightGrid::from_texels(OctahedralMap::EqualArea, side, texels)
+    }
+
+    #[test]
+    fn means_of_divided_texels_are_the_texels() {
+        let light = ramp(8);
+        let fine = light.divided(32);
+        assert_eq!((fine.side(), fine.reduced(8), fine.at(DVec3::Y)), (32, light.clone(), light.at(DVec3::Y)));
+        let (all, halved) = (fine.integral(), light.reduced(4).integral());
+        assert!((all - light.integral()).length() < 1e-4 && (halved - all).length() < 1e-4);
+        // The Haar coefficients of a coarser grid come first.
+        let (coarse, some) = (light.reduced(4).coefficients(), light.coefficients());
+        assert!(coarse.iter().zip(&some).all(|(a, b)| (a - b).abs() < 1e-5));
     }
 
     #[test]

@@ -10,8 +10,10 @@ mod predict;
 mod quadrature;
 mod reference;
 mod rows;
+mod sparse;
 
 pub use predict::{Prediction, predict};
 pub use quadrature::{InterleavedTables, Quadrature, QuadratureSettings};
 pub use reference::polar_reference;
 pub use rows::{MIN_POINTS, TransferError, TransferRows, TransferSettings, observed_rows};
+pub use sparse::SparseTransfer;

@@ -199,27 +199,121 @@ impl Quadrature {
     /// If `out` is not `texels * stride` long.
     pub fn integrate(&self, point: &SurfacePoint, tables: &InterleavedTables, out: &mut [f32]) {
         assert_eq!(out.len(), self.texels() * tables.stride());
+        let first = self.settings.base.max(self.grid_level).clamp(2, DEEPEST);
+        self.visit_cells(point, tables, first, &mut TexelSums { grid_level: self.grid_level, tables, out });
+    }
+
+    /// Adds the integrals over cells to `sums`, of which those far from the lobe are coarser than
+    /// the grid: `2^base` per side.
+    ///
+    /// # Panics
+    /// If there are several tables, or the cells of `sums` do not end at the grid.
+    pub(super) fn integrate_cells(
+        &self,
+        point: &SurfacePoint,
+        table: &InterleavedTables,
+        base: u32,
+        sums: &mut CellSums,
+    ) {
+        assert!(table.count() == 1 && sums.finest == self.grid_level && base <= sums.finest);
+        self.visit_cells(point, table, base.max(2), &mut (table, sums));
+    }
+
+    fn visit_cells<S: Sums>(&self, point: &SurfacePoint, tables: &InterleavedTables, first: u32, sums: &mut S) {
         let point = Point { normal: point.normal.as_vec3(), view: point.view.as_vec3() };
-        gonio_linalg::dispatch(Integration { quadrature: self, point, tables, out });
+        let core = self.settings.core.max(tables.smooth);
+        gonio_linalg::dispatch(Integration { quadrature: self, point, core, first, sums });
     }
 }
 
-/// Task that integrates the tables at one point.
-struct Integration<'a> {
-    quadrature: &'a Quadrature,
-    point: Point,
+/// Destination of the integrals over cells.
+trait Sums {
+    /// Adds `weight` times the tables at a place of the cell `(x, y)` of a level.
+    fn add(&mut self, level: u32, x: u32, y: u32, place: Place, weight: f32);
+}
+
+/// Sums over the texels of a grid, for all tables.
+struct TexelSums<'a> {
+    grid_level: u32,
     tables: &'a InterleavedTables,
     out: &'a mut [f32],
 }
 
-impl pulp::NullaryFnOnce for Integration<'_> {
+impl Sums for TexelSums<'_> {
+    #[inline(always)]
+    fn add(&mut self, level: u32, x: u32, y: u32, place: Place, weight: f32) {
+        let up = level - self.grid_level;
+        let texel = (((y >> up) << self.grid_level) + (x >> up)) as usize;
+        let stride = self.tables.stride;
+        self.tables.add(place, weight, &mut self.out[texel * stride..(texel + 1) * stride]);
+    }
+}
+
+/// Sums over the cells of several levels of the square, up to those of the light grid, for one
+/// table.
+#[derive(Debug)]
+pub(super) struct CellSums {
+    /// Level of the light grid.
+    finest: u32,
+    /// Sum of every cell, by level.
+    sums: Vec<f32>,
+    /// Cells with a sum.
+    touched: Vec<u32>,
+}
+
+impl CellSums {
+    /// Creates sums of zero for the levels `0..=finest`.
+    pub(super) fn new(finest: u32) -> Self {
+        Self { finest, sums: vec![0.0; Self::first_of(finest + 1)], touched: Vec::new() }
+    }
+
+    /// Index of the first cell of a level; cells are row-major from the top.
+    pub(super) fn first_of(level: u32) -> usize {
+        ((1 << (2 * level)) - 1) / 3
+    }
+
+    /// Calls `each` with the index and the sum of every cell that has one, and resets them to zero.
+    pub(super) fn drain(&mut self, mut each: impl FnMut(usize, f32)) {
+        self.touched.sort_unstable();
+        for cell in self.touched.drain(..) {
+            each(cell as usize, std::mem::take(&mut self.sums[cell as usize]));
+        }
+    }
+}
+
+impl Sums for (&InterleavedTables, &mut CellSums) {
+    #[inline(always)]
+    fn add(&mut self, level: u32, x: u32, y: u32, place: Place, weight: f32) {
+        let (table, sums) = self;
+        let up = level.saturating_sub(sums.finest);
+        let level = level - up;
+        let cell = CellSums::first_of(level) + (((y >> up) << level) + (x >> up)) as usize;
+        let before = sums.sums[cell];
+        table.add(place, weight, &mut sums.sums[cell..=cell]);
+        if before == 0.0 && sums.sums[cell] != 0.0 {
+            sums.touched.push(cell as u32);
+        }
+    }
+}
+
+/// Task that integrates the tables at one point.
+struct Integration<'a, S> {
+    quadrature: &'a Quadrature,
+    point: Point,
+    /// Angle that is added to the half angle in the test of division.
+    core: f32,
+    /// Level to which every cell is divided at least.
+    first: u32,
+    sums: &'a mut S,
+}
+
+impl<S: Sums> pulp::NullaryFnOnce for Integration<'_, S> {
     type Output = ();
 
     /// Divides the square level by level.
     #[inline(always)]
     fn call(mut self) {
-        let Quadrature { grid_level, settings, .. } = *self.quadrature;
-        let mut level = settings.base.max(grid_level).clamp(2, DEEPEST);
+        let mut level = self.first;
         let side = 1_u32 << level;
         let mut divided = Vec::new();
         for first in (0..side * side).step_by(LANES) {
@@ -242,13 +336,13 @@ impl pulp::NullaryFnOnce for Integration<'_> {
     }
 }
 
-impl Integration<'_> {
+impl<S: Sums> Integration<'_, S> {
     /// Adds the cells of a level that need no division and lists the others.
     ///
     /// Only the first `count` of the cells `(x, y)` are used.
     #[inline(always)]
     fn visit(&mut self, level: u32, (cells, count): (&[(u32, u32); LANES], usize), divided: &mut Vec<(u32, u32)>) {
-        let Quadrature { map, grid_level, settings, centres } = self.quadrature;
+        let Quadrature { map, settings, centres, .. } = self.quadrature;
         let mut light = [[0.0; LANES]; 3];
         let mut weight = [0.0; LANES];
         for lane in 0..LANES {
@@ -263,20 +357,15 @@ impl Integration<'_> {
             weight[lane] = solid_angle;
         }
         let radius = map.cell_radius(level) as f32;
-        let core = settings.core.max(self.tables.smooth);
         let angles = self.point.angles(&light, radius);
         let finest = level == DEEPEST;
         for lane in (0..count).filter(|&lane| angles.cosine[lane] >= -radius) {
             let (x, y) = cells[lane];
-            if !finest && angles.spread[lane] > settings.ratio * (angles.theta_h[lane] + core) {
+            if !finest && angles.spread[lane] > settings.ratio * (angles.theta_h[lane] + self.core) {
                 divided.push((x, y));
             } else if angles.cosine[lane] > 0.0 {
-                let up = level - grid_level;
-                let texel = (((y >> up) << grid_level) + (x >> up)) as usize;
                 let place = Place::of(angles.root_h[lane], angles.degrees_d[lane]);
-                let weight = angles.cosine[lane] * weight[lane];
-                let stride = self.tables.stride;
-                self.tables.add(place, weight, &mut self.out[texel * stride..(texel + 1) * stride]);
+                self.sums.add(level, x, y, place, angles.cosine[lane] * weight[lane]);
             }
         }
     }

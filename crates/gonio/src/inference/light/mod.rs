@@ -39,6 +39,7 @@ mod point;
 mod positive;
 mod posterior;
 mod problem;
+mod richardson_lucy;
 mod scales;
 #[cfg(test)]
 mod tests;
@@ -51,6 +52,7 @@ pub use operator::LightOperator;
 pub use positive::{NonNegativeLight, cut_off_at_zero};
 pub use posterior::{InferenceSettings, LightPosterior};
 pub use problem::{LightError, LightProblem};
+pub(crate) use richardson_lucy::refine;
 use scales::Scales;
 
 use super::{Hyperparameters, ImageError};

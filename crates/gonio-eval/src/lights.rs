@@ -48,8 +48,8 @@ pub(crate) struct LightsOptions {
 }
 
 /// Methods of estimating a light: the mean of the posterior, that mean clipped at zero, and the
-/// mean of the posterior without negative texels. [`Light::of`] refines the last one for narrow lobes,
-/// from a photograph with more points.
+/// mean of the posterior without negative texels. [`Light::of`] refines the last one for narrow
+/// lobes, from a photograph with more points.
 const METHODS: [&str; 4] = ["mean", "clipped mean", "non-negative mean", "refined"];
 
 /// BRDFs from which the light is estimated.

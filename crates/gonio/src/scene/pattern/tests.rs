@@ -68,11 +68,11 @@ fn ignores_the_smaller_part_of_a_pattern() {
 fn converts_the_second_paint_to_the_larger_one() {
     let (body, paint) = (Vec3::splat(0.5), Vec3::new(0.15, 0.1, 0.2));
     // Equal reflections at the surface; proportional reflections.
-    for (gloss, is_proportional) in [(0.3, false), (0.3, true)] {
+    for is_proportional in [false, true] {
         for (number, least) in [(0, 10_000), (4, 1_000)] {
             let radiance = |n: Vec3, r: Vec3, colour: Vec3| {
                 let reflected = if is_proportional { colour / body } else { Vec3::ONE };
-                irradiance(n, 0.3) * colour + gloss * highlights(r, 300.0) * reflected
+                irradiance(n, 0.3) * colour + 0.3 * highlights(r, 300.0) * reflected
             };
             let is_paint = PATTERNS[number];
             let picture = ball(|n, r| radiance(n, r, if is_paint(n) { paint } else { body }));
@@ -81,13 +81,15 @@ fn converts_the_second_paint_to_the_larger_one() {
             let plain = clean_ball(|n, r| radiance(n, r, if is_larger_body { body } else { paint }));
             let converted = (0..SIZE * SIZE).map(|i| (i % SIZE, i / SIZE)).filter(|at| usable(*at));
             let errors: Vec<f64> =
-                converted.filter_map(|at| Some(f64::from((found.converted[at]? / plain[at]).y.ln().abs()))).collect();
+                converted.filter_map(|at| Some(f64::from((found.converted[at]? / plain[at]).y.ln()))).collect();
             assert!(errors.len() > least, "{number} {is_proportional}: {}", errors.len());
-            let large = errors.iter().filter(|error| **error > 0.2).count();
-            let middle = median(errors.iter().copied()).unwrap();
+            let large = errors.iter().filter(|error| error.abs() > 0.2).count();
+            // The noise of the picture alone has a median of 0.01; it cancels in the bias.
+            let middle = median(errors.iter().map(|error| error.abs())).unwrap();
+            let bias = median(errors.iter().copied()).unwrap();
             assert!(
-                middle < 0.011 && 50 * large < errors.len(),
-                "{number} {is_proportional}: {middle} {large} of {}",
+                middle < 0.011 && bias.abs() < 0.003 && 50 * large < errors.len(),
+                "{number} {is_proportional}: {middle} {bias} {large} of {}",
                 errors.len()
             );
         }

@@ -243,8 +243,7 @@ fn report_of_numbers(numbers: &[Numbers]) -> String {
     out
 }
 
-/// Reports the ratios of residuals to their expected values, and the photographs with the largest
-/// ratios.
+/// Reports the coverage of the intervals by band.
 fn report(cells: &[Cell]) -> String {
     let mut out = String::new();
     for lit in [false, true] {

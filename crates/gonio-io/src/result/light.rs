@@ -20,7 +20,8 @@ pub struct Light {
     /// Radiance of a coefficient of one, on the scale of the photograph.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub exposure: Option<f64>,
-    /// Texels along a side of the grid of `light.exr`.
+    /// Texels along a side of the octahedral grid of the estimated light, from which `light.exr` is
+    /// made.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub side: Option<usize>,
     /// Number of observations used for the coefficients.

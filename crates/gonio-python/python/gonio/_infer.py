@@ -292,7 +292,8 @@ def infer(
         which returns a :class:`BasisPosterior`: ``"variational"`` (Algorithm 1), ``"joint-map"`` (joint MAP
         estimate), ``"known-light-basis"``, or ``"paper"`` (the paper's setup for a sphere).
     grid : int, optional
-        Texels along a side of the light grid, a power of two; 32 by default.
+        Texels along a side of the light grid, a power of two; 32 by default. For glossy materials,
+        ``infer`` refines the light to at most four times as many, and 128.
     starts, seed : int, optional
         Number of random starts of the paper's methods (default 4), and their seed (default 1).
     solver : {"blocks", "printed"}, optional

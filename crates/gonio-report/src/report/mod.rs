@@ -208,8 +208,12 @@ impl Report<'_> {
                 "Lat-long map: the centre is behind the object, the left and right edges are behind the camera. "
                 @if let Some(grid) = self.subject.light {
                     "This light explains the photograph, given the mean BRDF. Its texels are " (format!("{:.1}", resolution(grid))) "° wide; the picture is blurred by half a texel."
+                    @let coarse = self.result.settings.grid.unwrap_or(grid.side());
+                    @if grid.side() > coarse {
+                        (format!(" Where the object does not reflect the light, it has details of {:.1}° only.", resolution(grid) * grid.side() as f64 / coarse as f64))
+                    }
                     @if let Some(share) = self.uncertain() {
-                        (format!(" The posterior variance is {} of the mean square variation of the light over directions.", percent(share)))
+                        (format!(" The posterior variance of the coarse light is {} of its mean square variation over directions.", percent(share)))
                     }
                 }
             },

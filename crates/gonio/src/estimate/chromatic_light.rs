@@ -180,7 +180,7 @@ impl SquareContributions {
 
     fn chromatic_light(&self, light: &Light) -> ChromaticLight {
         let plain = self.plain();
-        let tints = self.posterior(&plain, light.misfit.max(MIN_ERROR), light.grid.map());
+        let tints = self.posterior(&plain, light.coarse_misfit.max(MIN_ERROR), light.grid.map());
         let (fine, white) = (light.grid.side(), Vec3::from_array(self.white.map(|x| x as f32)));
         let texel = |(t, radiance): (usize, &Vec3)| {
             let factor = tints[LightGrid::coarser_texel(fine, self.side, t)];

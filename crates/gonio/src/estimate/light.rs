@@ -32,12 +32,12 @@ const BODY: f64 = 30.0 * std::f64::consts::PI / 180.0;
 /// Method that ensured a non-negative light.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LightEstimator {
-    /// Posterior mean over lights without negative texels: the most accurate of the methods that
-    /// `gonio-eval lights` compares.
+    /// Posterior mean over lights without negative texels: the most accurate of the methods on one
+    /// grid that `gonio-eval lights` compares.
     NonNegative {
-        /// Number of refinement steps.
+        /// Number of steps of expectation propagation.
         steps: usize,
-        /// Whether the refinement converged.
+        /// Whether they converged.
         converged: bool,
     },
     /// Posterior mean, clamped at zero; for grids beyond 64 x 64.
@@ -59,9 +59,9 @@ pub struct Light {
     pub sd: Vec<f64>,
     /// Radiance of a coefficient of one.
     pub exposure: f64,
-    /// Method that ensured a non-negative light.
+    /// Method that ensured that the posterior mean is not negative.
     pub estimator: LightEstimator,
-    /// Number of observations used.
+    /// Number of observations used for the posterior.
     pub observations: usize,
     /// Final objective of the evidence
     /// ([`LightPosterior::objective`](crate::inference::light::LightPosterior::objective)).
@@ -73,11 +73,13 @@ pub struct Light {
     pub trace: Vec<f64>,
     /// Whether the maximisation of the evidence converged.
     pub converged: bool,
-    /// Standard deviation of the residual of light and table, estimated by the evidence, on the
+    /// Standard deviation of the residual of posterior and table, estimated by the evidence, on the
     /// scale of the photograph.
     pub noise: f64,
-    /// Standard deviation of the residual over the root mean square of the observations.
+    /// The same over the root mean square of the observations.
     pub relative_noise: f64,
+    /// Like [`Self::misfit`], but of the posterior mean.
+    pub(super) coarse_misfit: f64,
     /// Root mean square of the residual of [`Self::grid`] and table, relative to that of the
     /// photograph.
     pub misfit: f64,
@@ -114,10 +116,12 @@ impl Light {
         let radiance: Vec<f64> = coefficients.iter().map(|l| l * exposure).collect();
         let coarse = LightGrid::from_coefficients(prior.map, &radiance).non_negative();
         let refined = refined(&coarse, observations, table);
-        let (grid, misfit) = refined.unwrap_or_else(|| (coarse, problem.misfit(&radiance)));
+        let coarse_misfit = problem.misfit(&radiance);
+        let (grid, misfit) = refined.unwrap_or((coarse, coarse_misfit));
         Ok(Self {
             grid,
             misfit,
+            coarse_misfit,
             coefficients,
             sd,
             exposure,
@@ -169,19 +173,19 @@ fn side_for(table: &BivariateTable) -> usize {
     // A change of the light's direction changes the half angle by half as much.
     let texel = RESOLVED * 2.0 * lobe_radius(table).unwrap_or(1.0);
     let sides = (4.0 * std::f64::consts::PI).sqrt() / texel;
-    (sides.clamp(1.0, 1024.0) as usize).next_power_of_two()
+    (sides.ceil().clamp(1.0, 1024.0) as usize).next_power_of_two()
 }
 
 /// Returns the half angle (radians) that contains half of the energy of the lobe; `None` without a
 /// lobe.
 ///
-/// The lobe is the mean of the table over the difference angles below 45 degrees, above its value
-/// at [`BODY`].
+/// The lobe is the sum of the table over the difference angles below 45 degrees, above that at
+/// [`BODY`].
 fn lobe_radius(table: &BivariateTable) -> Option<f64> {
-    let mean = |i: usize| (0..45).map(|j| f64::from(table.cell(i, j))).sum::<f64>();
+    let sum = |i: usize| (0..45).map(|j| f64::from(table.cell(i, j))).sum::<f64>();
     let count = (0..THETA_H).find(|&i| theta_h_of(i) >= BODY)?;
-    let body = mean(count);
-    let lobe: Vec<f64> = (0..=count).map(|i| (mean(i) - body).max(0.0)).collect();
+    let body = sum(count);
+    let lobe: Vec<f64> = (0..=count).map(|i| (sum(i) - body).max(0.0)).collect();
     let energy = |i: usize| {
         let (from, to) = (theta_h_of(i), theta_h_of(i + 1));
         0.5 * (lobe[i] + lobe[i + 1]) * (0.5 * (from + to)).sin() * (to - from)

@@ -18,16 +18,17 @@ pub enum MisfitCause {
 ///
 /// It is a function of the logarithm of the [peak height](MaterialEstimate::peak_height),
 /// interpolated linearly. Up to 2, the values are about the 95 % quantile over left-out materials
-/// in left-out lights. Beyond 2, they are that of 148 photographs of `gonio-eval calibration`. Two
-/// of its four training lights have a hard sun or small lamps (docs/trials.md).
+/// in left-out lights. Beyond 2, they lie between the 80 and the 95 % quantile of 148 photographs
+/// of `gonio-eval calibration` in four training lights, of which two have a hard sun or small lamps
+/// (docs/trials.md).
 const RESOLUTION: [(f64, f64); 5] = [(0.0, 0.05), (2.0, 0.08), (5.0, 0.2), (7.0, 0.25), (10.0, 0.25)];
 
 /// Ratio of the misfit to the expected one above which it is reported.
 pub(super) const MISFIT_WARNING_RATIO: f64 = 1.25;
 
 /// Largest expected share of the fine detail of a photograph that the light leaves unexplained.
-/// `gonio-eval calibration` measured 0.66 to 0.81 for mirrors and lacquers, which is less than this
-/// value times [`MISFIT_WARNING_RATIO`].
+/// `gonio-eval calibration` measured 0.66 to 0.81 for mirrors and lacquers in lights of 32 x 32
+/// texels, which is less than this value times [`MISFIT_WARNING_RATIO`]. Refined lights leave less.
 const UNRESOLVED: f64 = 0.7;
 
 /// Largest deviation of pixels with the same normal that counts as noise. Larger deviations come

@@ -50,8 +50,9 @@ use material::MaterialDraft;
 /// Settings of [`estimate`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct EstimateSettings {
-    /// Texels along a side of the light's grid: a power of two from 4 to what the model's prior
-    /// covers ([`LightPrior::finest_side`](crate::lighting::LightPrior::finest_side)).
+    /// Texels along a side of the light's grid before refinement ([`Light::grid`]): a power of two
+    /// from 4 to what the model's prior covers
+    /// ([`LightPrior::finest_side`](crate::lighting::LightPrior::finest_side)).
     pub side: usize,
     /// Approximate number of observations for the estimate of the light. With 1,600 observations,
     /// one or two of them see each texel of a 32 x 32 light in a mirror. With fewer observations

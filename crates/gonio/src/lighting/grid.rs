@@ -5,6 +5,10 @@ use glam::{DVec3, Vec3};
 use crate::picture::{Plane, luminance};
 use crate::sphere::{Haar, OctahedralMap, direction_of_lat_long};
 
+/// Smallest number of directions along the height of a lat-long picture, for each texel along a
+/// side.
+const SAMPLED: usize = 4;
+
 /// Radiance on the `side * side` texels of an octahedral map, row-major, row 0 at the top (`v` near
 /// 1, the sky).
 #[derive(Clone, Debug, PartialEq)]
@@ -158,10 +162,19 @@ impl LightGrid {
     }
 
     /// Returns the light as a lat-long picture of `2 height` by `height`.
+    ///
+    /// If the texels are not much larger than the pixels, each pixel is the mean over several
+    /// directions, so that small lamps keep their energy.
     pub fn to_lat_long(&self, height: usize) -> Plane<Vec3> {
+        let samples = (SAMPLED * self.side).div_ceil(height);
+        let at = |i: usize, k: usize| i as f64 + (k as f64 + 0.5) / samples as f64;
         Plane::from_fn(2 * height, height, |x, y| {
-            let (u, v) = ((x as f64 + 0.5) / (2 * height) as f64, (y as f64 + 0.5) / height as f64);
-            self.at(direction_of_lat_long(u, v))
+            let mut sum = Vec3::ZERO;
+            for k in 0..samples * samples {
+                let (u, v) = (at(x, k % samples) / (2 * height) as f64, at(y, k / samples) / height as f64);
+                sum += self.at(direction_of_lat_long(u, v));
+            }
+            sum / (samples * samples) as f32
         })
     }
 }
@@ -173,6 +186,24 @@ mod tests {
     fn ramp(side: usize) -> LightGrid {
         let texels = (0..side * side).map(|t| Vec3::splat(1.0 + (t * 7 % 13) as f32)).collect();
         LightGrid::from_texels(OctahedralMap::EqualArea, side, texels)
+    }
+
+    #[test]
+    fn small_lamps_keep_their_energy_in_lat_long_pictures() {
+        for lamp in [20 * 128 + 70, 64 * 128 + 64, 100 * 128 + 3] {
+            let texels = (0..128 * 128).map(|t| Vec3::splat(if t == lamp { 1000.0 } else { 0.0 })).collect();
+            let light = LightGrid::from_texels(OctahedralMap::EqualArea, 128, texels);
+            for height in [64, 128] {
+                let picture = light.to_lat_long(height);
+                let mut sum = 0.0;
+                for y in 0..height {
+                    let row: f64 = (0..2 * height).map(|x| f64::from(picture[(x, y)].x)).sum();
+                    sum += row * (std::f64::consts::PI * (y as f64 + 0.5) / height as f64).sin();
+                }
+                let integral = sum * (std::f64::consts::PI / height as f64).powi(2);
+                assert!((integral / light.integral().x - 1.0).abs() < 0.15, "{lamp} {height} {integral}");
+            }
+        }
     }
 
     #[test]

@@ -82,6 +82,7 @@ fn found(light: &LightGrid) -> Light {
         noise: 0.0,
         relative_noise: 0.0,
         misfit: 0.03,
+        coarse_misfit: 0.03,
     }
 }
 

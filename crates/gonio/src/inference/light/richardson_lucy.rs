@@ -3,11 +3,12 @@
 //! For an image `y` with weights `w` and the operator `T`, each step multiplies every texel `x_t`
 //! by `(T' (w y / T x))_t / (T' w)_t`. This is a step of expectation maximisation for values whose
 //! variance is their mean over their weight. It keeps lights non-negative, and never raises the
-//! divergence `sum_i w_i (y_i ln(y_i / (T x)_i) - y_i + (T x)_i)`. Texels that reach no
-//! observation do not change.
+//! divergence `sum_i w_i (y_i ln(y_i / (T x)_i) - y_i + (T x)_i)`. Observations that no
+//! light reaches have no influence. Texels that reach no observation change only by the blur.
 //!
 //! The light is a blurred one (`T` includes the blur): otherwise, texels between observations would
-//! stay dark beside bright ones. This is the method of sieves (Snyder and Miller 1985).
+//! stay dark beside bright ones. This is the method of sieves (Snyder and Miller 1985). At the
+//! edges of the square, the blur does not continue on the other side of the sphere.
 //!
 //! The steps are extrapolated as by Biggs and Andrews (1997), in the logarithms of the texels, so
 //! that the extrapolation keeps the light positive. If it raises the divergence, the plain step is
@@ -50,7 +51,8 @@ pub(crate) struct RefinedLight {
 /// Refines a light, starting from the radiance `start` of its texels.
 ///
 /// `values` is the image (points), and `weights` are the weights of its values. Negative values
-/// count as zero. Returns `None` if the image, or that of the start, is black or not finite.
+/// count as zero, and texels of the start are at least 1 % of their mean. Returns `None` if the
+/// image, or that of the start, is black or not finite.
 ///
 /// # Panics
 /// If the lengths differ from the points and texels of the operator.
@@ -66,9 +68,11 @@ pub(crate) fn refine(
     let mut texels: Vec<f32> = start.iter().map(|x| x.max(floor)).collect();
     let image_of = |texels: &[f32]| transfer.image(&blurred(texels));
     let adjoint_of = |image: &[f32]| blurred(&transfer.adjoint(image));
-    let seen = adjoint_of(weights);
     let mut image = image_of(&texels);
-    let usable = |image: &[f32]| image.iter().all(|y| y.is_finite() && *y > 0.0);
+    let weight = |(weight, made): (&f32, &f32)| if *made > 0.0 { *weight } else { 0.0 };
+    let weights: &[f32] = &weights.iter().zip(&image).map(weight).collect::<Vec<_>>();
+    let seen = adjoint_of(weights);
+    let usable = |image: &[f32]| image.iter().all(|y| y.is_finite()) && image.iter().any(|y| *y > 0.0);
     if !usable(&image) || !values.iter().any(|y| *y > 0.0) {
         return None;
     }
@@ -82,7 +86,8 @@ pub(crate) fn refine(
     let mut trace = vec![divergence(&values, weights, &image)];
     let mut last: Option<Step> = None;
     while trace.len() <= MAX_STEPS && !explained(&image, trace[trace.len() - 1]) {
-        let ratios: Vec<f32> = (0..values.len()).map(|i| weights[i] * (values[i] / image[i])).collect();
+        let ratio = |i: usize| if image[i] > 0.0 { weights[i] * (values[i] / image[i]) } else { 0.0 };
+        let ratios: Vec<f32> = (0..values.len()).map(ratio).collect();
         let pulls = adjoint_of(&ratios);
         let step = Step::new(&texels, |t| if seen[t] > 0.0 { pulls[t] / seen[t] } else { 1.0 });
         let before = trace[trace.len() - 1];
@@ -154,6 +159,10 @@ impl Step {
 fn divergence(values: &[f32], weights: &[f32], image: &[f32]) -> f64 {
     let one = |i: usize| {
         let (y, made) = (f64::from(values[i]), f64::from(image[i]));
+        if made <= 0.0 {
+            // No light reaches this observation.
+            return 0.0;
+        }
         let logarithm = if y > 0.0 { y * (y / made).ln() } else { 0.0 };
         f64::from(weights[i]) * (logarithm - y + made)
     };
@@ -216,6 +225,27 @@ mod tests {
         let got = refine(&transfer, &blurry, &vec![1.0; image.len()], &light).unwrap();
         assert!(got.texels.iter().zip(blurred(&light)).all(|(x, l)| (x / l - 1.0).abs() < 1e-4));
         assert!(misfit(&got, &blurry) < 1e-5, "{}", misfit(&got, &blurry));
+    }
+
+    #[test]
+    fn ignores_observations_without_light() {
+        let Planted { light, .. } = planted();
+        // Zero at half angles of a radian and more, as at a point that faces away.
+        let value = |h: f64| if h < 1.0 { 0.02 + 100.0 / (1.0 + (h / 0.02).powi(2)).powi(2) } else { 0.0 };
+        let table = BivariateTable::from_fn(|h, _| value(h));
+        let transfer =
+            |points: &[SurfacePoint]| SparseTransfer::new(points.into(), &table, OctahedralMap::EqualArea, SIDE);
+        let mut points: Vec<SurfacePoint> = ball(4000).into_iter().filter(|p| p.normal.z > 0.2).collect();
+        let of = |points: &[SurfacePoint], values: &[f32]| {
+            refine(&transfer(points), values, &vec![1.0; values.len()], &vec![1.0; light.len()]).unwrap().texels
+        };
+        let mut values = transfer(&points).image(&light);
+        let want = of(&points, &values);
+        points.push(SurfacePoint { normal: -glam::DVec3::Z, view: glam::DVec3::Z });
+        values.push(3.0);
+        assert_eq!(transfer(&points).image(&light).pop(), Some(0.0));
+        let got = of(&points, &values);
+        assert!(got.iter().zip(&want).all(|(got, want)| (got / want - 1.0).abs() < 0.01));
     }
 
     #[test]

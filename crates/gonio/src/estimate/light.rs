@@ -51,7 +51,8 @@ pub struct Light {
     ///
     /// If the lobe is narrower than the texels of the posterior, this grid is finer, because the
     /// photograph of a mirror shows more detail. The steps of Richardson and Lucy then lead from
-    /// the posterior mean to a light that explains the photograph.
+    /// the posterior mean to a light that explains the photograph. This light is used if it has the
+    /// smaller misfit.
     pub grid: LightGrid,
     /// Coefficients of the posterior mean in units of the prior: radiance over [`Self::exposure`].
     pub coefficients: Vec<f64>,
@@ -117,6 +118,8 @@ impl Light {
         let coarse = LightGrid::from_coefficients(prior.map, &radiance).non_negative();
         let refined = refined(&coarse, observations, table);
         let coarse_misfit = problem.misfit(&radiance);
+        // For wide lobes, the posterior mean may already have the smaller misfit.
+        let refined = refined.filter(|(_, misfit)| *misfit < coarse_misfit);
         let (grid, misfit) = refined.unwrap_or((coarse, coarse_misfit));
         Ok(Self {
             grid,

@@ -116,11 +116,10 @@ impl Light {
         };
         let radiance: Vec<f64> = coefficients.iter().map(|l| l * exposure).collect();
         let coarse = LightGrid::from_coefficients(prior.map, &radiance).non_negative();
-        let refined = refined(&coarse, observations, table);
         let coarse_misfit = problem.misfit(&radiance);
         // For wide lobes, the posterior mean may already have the smaller misfit.
-        let refined = refined.filter(|(_, misfit)| *misfit < coarse_misfit);
-        let (grid, misfit) = refined.unwrap_or((coarse, coarse_misfit));
+        let better = refined(&coarse, observations, table).filter(|(_, misfit)| *misfit < coarse_misfit);
+        let (grid, misfit) = better.unwrap_or((coarse, coarse_misfit));
         Ok(Self {
             grid,
             misfit,

@@ -1,10 +1,10 @@
 //! Light on a fine grid, by the iterations of Richardson and Lucy.
 //!
 //! For an image `y` with weights `w` and the operator `T`, each step multiplies every texel `x_t`
-//! by `(T' (w y / T x))_t / (T' w)_t`. This is a step of expectation maximisation for values whose
-//! variance is their mean over their weight. It keeps lights non-negative, and never raises the
-//! divergence `sum_i w_i (y_i ln(y_i / (T x)_i) - y_i + (T x)_i)`. Observations that no
-//! light reaches have no influence. Texels that reach no observation change only by the blur.
+//! by `(T' (w y / T x))_t / (T' w)_t`. This is a step of expectation maximisation for values with
+//! variances `(T x)_i / w_i`. It keeps lights non-negative, and never raises the divergence `sum_i
+//! w_i (y_i ln(y_i / (T x)_i) - y_i + (T x)_i)`. Observations that no light reaches have no
+//! influence. Texels whose light reaches no observation change only by the blur.
 //!
 //! The light is a blurred one (`T` includes the blur): otherwise, texels between observations would
 //! stay dark beside bright ones. This is the method of sieves (Snyder and Miller 1985). At the

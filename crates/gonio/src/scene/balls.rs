@@ -2,7 +2,7 @@
 
 use super::background::plain_coverage;
 use super::ball_detection::{REDUCED_SIDE, detect_ball, is_crisp, on_edges};
-use super::components::flood;
+use super::components::{components, flood};
 use super::edges::Edges;
 use super::small::Small;
 use super::{Circle, OutlineReliability, SceneError, coverage_of, find_sphere};
@@ -85,16 +85,9 @@ pub(super) fn single(coverage: &Plane<f32>, ball: impl Fn(&Plane<f32>) -> Option
 ///
 /// Parts with less than `share` of the pixels of the largest are omitted.
 fn parts(coverage: &Plane<f32>, share: f64) -> Vec<(usize, usize)> {
-    let (width, height) = coverage.size();
-    let open = |at: (usize, usize)| coverage[at] >= 0.5;
-    let mut reached = coverage.map(|_| false);
-    let mut parts = Vec::new();
-    for seed in (0..height).flat_map(|y| (0..width).map(move |x| (x, y))) {
-        let count = flood(&mut reached, [seed], true, open);
-        if count >= MIN_BALL.0 {
-            parts.push((count, seed));
-        }
-    }
+    let all = components(coverage.size(), true, |at| coverage[at] >= 0.5);
+    let mut parts: Vec<(usize, (usize, usize))> =
+        all.map(|part| (part.len(), part[0])).filter(|(count, _)| *count >= MIN_BALL.0).collect();
     parts.sort_by_key(|(count, _)| std::cmp::Reverse(*count));
     let largest = parts.first().map_or(0, |(count, _)| *count) as f64;
     parts.retain(|(count, _)| *count as f64 >= share * largest);

@@ -98,6 +98,11 @@ impl Cells {
         f64::from(self.floor.x)
     }
 
+    /// Returns the first pixel of a cell.
+    pub(super) fn first_pixel(&self, (u, v): (usize, usize)) -> (usize, usize) {
+        (self.origin.0 + u * self.side, self.origin.1 + v * self.side)
+    }
+
     /// Returns the cell of a pixel; `None` outside of the cells.
     pub(super) fn cell(&self, (x, y): (usize, usize)) -> Option<(usize, usize)> {
         let at = (x.checked_sub(self.origin.0)? / self.side, y.checked_sub(self.origin.1)? / self.side);

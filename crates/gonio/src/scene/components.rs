@@ -26,7 +26,7 @@ pub(super) fn border((width, height): (usize, usize)) -> impl Iterator<Item = (u
 
 /// Returns the `open` pixels connected to an open pixel `seed`, and marks them as visited. Visited
 /// pixels are closed.
-pub(super) fn component(
+fn component(
     seed: (usize, usize),
     visited: &mut Plane<bool>,
     diagonals: bool,
@@ -46,6 +46,24 @@ pub(super) fn component(
         next += 1;
     }
     part
+}
+
+/// Iterates over the connected sets of `open` pixels, by their first pixels in row-major order.
+///
+/// The first pixel of a set comes first in it.
+pub(super) fn components(
+    size: (usize, usize),
+    diagonals: bool,
+    open: impl Fn((usize, usize)) -> bool,
+) -> impl Iterator<Item = Vec<(usize, usize)>> {
+    let mut visited = Plane::from_fn(size.0, size.1, |_, _| false);
+    let pixels = (0..size.1).flat_map(move |y| (0..size.0).map(move |x| (x, y)));
+    pixels.filter_map(move |seed| {
+        if visited[seed] || !open(seed) {
+            return None;
+        }
+        Some(component(seed, &mut visited, diagonals, &open))
+    })
 }
 
 /// Marks in `reached` all pixels connected to `seeds` through `open` pixels; returns their number.
@@ -71,22 +89,11 @@ pub(super) fn largest_component(
     size: (usize, usize),
     open: impl Fn((usize, usize)) -> bool,
 ) -> Option<(Plane<bool>, usize)> {
-    let mut seen = Plane::from_fn(size.0, size.1, |_, _| false);
-    let mut best: Option<((usize, usize), usize)> = None;
-    for y in 0..size.1 {
-        for x in 0..size.0 {
-            if !seen[(x, y)] && open((x, y)) {
-                let count = flood(&mut seen, [(x, y)], false, &open);
-                if best.is_none_or(|(_, most)| count > most) {
-                    best = Some(((x, y), count));
-                }
-            }
-        }
-    }
-    let (seed, count) = best?;
+    let larger = |best: Vec<_>, next: Vec<_>| if next.len() > best.len() { next } else { best };
+    let largest = components(size, false, open).reduce(larger)?;
     let mut component = Plane::from_fn(size.0, size.1, |_, _| false);
-    flood(&mut component, [seed], false, open);
-    Some((component, count))
+    largest.iter().for_each(|at| component[*at] = true);
+    Some((component, largest.len()))
 }
 
 /// Returns `set` with its holes filled.

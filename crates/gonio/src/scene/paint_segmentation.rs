@@ -20,7 +20,7 @@
 use glam::{DVec2, DVec3, Vec3};
 
 use super::cells::{Cells, SurfaceGeometry};
-use super::components::{component, fill_holes, neighbours};
+use super::components::{components, fill_holes, neighbours};
 use crate::picture::Plane;
 use crate::statistics::quantile;
 
@@ -182,16 +182,9 @@ pub(super) fn segment_paint(
 /// Numbers the regions between steps from one and counts the cells of each; zero marks cells of no
 /// region.
 fn label(cells: &Cells, stepped: &Plane<bool>) -> (Plane<u32>, Vec<usize>) {
-    let size = stepped.size();
-    let mut visited = stepped.map(|_| false);
     let mut labels = stepped.map(|_| 0_u32);
     let mut sizes = vec![0];
-    let open = |at: (usize, usize)| cells.tones[at].is_some() && !stepped[at];
-    for at in (0..size.1).flat_map(|v| (0..size.0).map(move |u| (u, v))) {
-        if !open(at) || visited[at] {
-            continue;
-        }
-        let region = component(at, &mut visited, false, open);
+    for region in components(stepped.size(), false, |at| cells.tones[at].is_some() && !stepped[at]) {
         region.iter().for_each(|at| labels[*at] = sizes.len() as u32);
         sizes.push(region.len());
     }

@@ -10,8 +10,9 @@
 //! 2. Alternately, shading and step are fitted to the groups, and each cell joins the paint that it
 //!    agrees with better.
 //! 3. Parts of a group without the step along their border join the other group.
-//! 4. If the second paint can be converted to the first, cells are assigned again by the
-//!    conversion: where reflections at the surface hide the step, earlier assignments are wrong.
+//! 4. If the second paint can be converted to the first, cells of half the side are assigned again
+//!    by the conversion. Where reflections at the surface hide the step, earlier assignments are
+//!    wrong.
 //!
 //! Reflections in a mirror can be segmented in the same way, but the steps along their borders are
 //! neither equal nor as high as the difference of the groups. The pattern must pass this test. On a

@@ -6,7 +6,7 @@
 
 use glam::Vec3;
 
-use super::components::{component, neighbours};
+use super::components::{components, neighbours};
 use crate::parallel;
 use crate::picture::{Plane, luminance};
 use crate::statistics::{median, quantile};
@@ -137,18 +137,11 @@ impl Spots {
         let threshold = MIN_DIFFERENCE.0.max(MIN_DIFFERENCE.1 * 1.48 * median(sizes)?);
         let brightest = medians.iter().flatten().copied().fold(0.0, f32::max);
         let differs = |at: (usize, usize)| differences[at].is_some_and(|d| d.abs() > threshold);
-        let mut visited = Plane::from_fn(size.0, size.1, |_, _| false);
         let (mut pixels, mut count) = (Vec::new(), 0);
-        for y in 0..size.1 {
-            for x in 0..size.0 {
-                if visited[(x, y)] || !differs((x, y)) {
-                    continue;
-                }
-                let part = component((x, y), &mut visited, true, differs);
-                if is_spot(&part, &differences, &bright, window, brightest) {
-                    pixels.extend(part);
-                    count += 1;
-                }
+        for part in components(size, true, differs) {
+            if is_spot(&part, &differences, &bright, window, brightest) {
+                pixels.extend(part);
+                count += 1;
             }
         }
         let mut within = Plane::from_fn(size.0, size.1, |_, _| false);

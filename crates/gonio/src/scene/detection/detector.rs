@@ -7,7 +7,7 @@ use glam::Vec3;
 use super::{DetectedShape, Detection, Inaccurate, NormalMap, PositionMap};
 use crate::picture::{Picture, Plane};
 use crate::scene::circle::outline;
-use crate::scene::components::{flood, largest_component};
+use crate::scene::components::{components, largest_component};
 use crate::scene::flat_background::flat_background;
 use crate::scene::observed::check_size;
 use crate::scene::{Circle, ObservationSettings, Observations, Orientation, SceneError, SceneWarning, SurfaceView};
@@ -165,12 +165,9 @@ impl Detector<'_> {
 fn solid(coverage: &Plane<f32>) -> Result<Plane<bool>, SceneError> {
     outline(coverage)?;
     let (part, count) = largest_component(coverage.size(), |at| coverage[at] >= 0.5).ok_or(SceneError::NoOutline)?;
-    let is_hole = |at: (usize, usize)| !part[at];
-    let (mut visited, mut filled) = (part.clone(), part.clone());
-    for at in (0..part.width() * part.height()).map(|i| (i % part.width(), i / part.width())) {
-        if !visited[at] && 1000 * flood(&mut visited, [at], true, is_hole) <= count {
-            flood(&mut filled, [at], true, is_hole);
-        }
+    let mut filled = part.clone();
+    for hole in components(part.size(), true, |at| !part[at]).filter(|hole| 1000 * hole.len() <= count) {
+        hole.into_iter().for_each(|at| filled[at] = true);
     }
     Ok(filled)
 }

@@ -63,22 +63,52 @@ impl Groups {
     /// Divides the cells into two groups by what a smooth shading leaves; `None` without steps. The
     /// shading is fitted to normals of at least `min_z`.
     pub(super) fn of(cells: &Cells, min_z: f32) -> Option<Self> {
+        let mut groups = Self::undivided(cells);
+        if groups.places.len() < MIN_CELLS {
+            return None;
+        }
+        let is_fitted: Vec<bool> = groups.normals.iter().map(|normal| normal.z >= min_z).collect();
+        groups.other = two_groups(&groups.without_shading(&is_fitted)?, &is_fitted);
+        Some(groups)
+    }
+
+    /// Returns all cells in the first group.
+    fn undivided(cells: &Cells) -> Self {
         let size = cells.tones.size();
         let places: Vec<(usize, usize)> = (0..size.1)
             .flat_map(|v| (0..size.0).map(move |u| (u, v)))
             .filter(|at| cells.tones[*at].is_some())
             .collect();
-        if places.len() < MIN_CELLS {
-            return None;
-        }
         let mut index = cells.tones.map(|_| None);
         places.iter().enumerate().for_each(|(i, at)| index[*at] = Some(i));
-        let tones: Vec<DVec3> = places.iter().filter_map(|at| cells.tones[*at]).collect();
-        let normals: Vec<Vec3> = places.iter().map(|at| cells.normals[*at]).collect();
-        let mut groups = Self { index, places, tones, normals, other: Vec::new() };
-        let is_fitted: Vec<bool> = groups.normals.iter().map(|normal| normal.z >= min_z).collect();
-        groups.other = two_groups(&groups.without_shading(&is_fitted)?, &is_fitted);
-        Some(groups)
+        let tones = places.iter().filter_map(|at| cells.tones[*at]).collect();
+        let normals = places.iter().map(|at| cells.normals[*at]).collect();
+        let other = vec![false; places.len()];
+        Self { index, places, tones, normals, other }
+    }
+
+    /// Returns finer cells of the same photograph, in the groups of the cells that contain their
+    /// first pixels.
+    pub(super) fn divided(&self, cells: &Cells, fine: &Cells) -> Self {
+        let group = self.in_second();
+        let mut divided = Self::undivided(fine);
+        for (other, at) in divided.other.iter_mut().zip(&divided.places) {
+            *other = cells.cell(fine.first_pixel(*at)).is_some_and(|at| group[at]);
+        }
+        divided
+    }
+
+    /// Moves each cell to the group of most of the finer cells whose first pixels are in it.
+    pub(super) fn join_groups(&mut self, cells: &Cells, divided: &Self, fine: &Cells) {
+        let mut votes = vec![0_i32; self.other.len()];
+        for (at, other) in divided.places.iter().zip(&divided.other) {
+            if let Some(i) = cells.cell(fine.first_pixel(*at)).and_then(|at| self.index[at]) {
+                votes[i] += if *other { 1 } else { -1 };
+            }
+        }
+        for (other, votes) in self.other.iter_mut().zip(votes).filter(|(_, votes)| *votes != 0) {
+            *other = votes > 0;
+        }
     }
 
     /// Returns the index of the cell at an offset from another.

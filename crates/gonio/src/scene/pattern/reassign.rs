@@ -1,9 +1,9 @@
 //! Assignment of cells to paints by the conversion of the second paint.
 //!
-//! With the right assignment, the radiance converted to the first paint changes little between
-//! neighbouring cells, whether or not the paint changes between them. The border of a sharp
-//! reflection is a change in both groups. The assignment minimises the sum of the costs of these
-//! changes, approximately, by min-sum belief propagation (Pearl 1988) on the graph of neighbours.
+//! With the right assignment, the radiance converted to the first paint changes little where the
+//! paint changes between neighbouring cells. The border of a sharp reflection costs the same in
+//! both paints. The assignment minimises the sum of the costs of these changes, approximately, by
+//! min-sum belief propagation (Pearl 1988) on the graph of neighbours.
 
 use glam::DVec3;
 
@@ -16,14 +16,13 @@ const OFFSETS: [(isize, isize); 4] = [(1, 0), (0, 1), (1, 1), (1, -1)];
 const CHANGE: f64 = 0.05;
 /// Cost of a border of the paints between two cells.
 const BORDER_COST: f64 = 0.5;
-/// Cost of a cell that leaves its group, and that of one whose conversion is inaccurate.
-const MOVE_COST: f64 = 0.5;
-const FIXED_COST: f64 = 1e3;
-/// Relative error beyond which the conversion of a cell is inaccurate.
-const MAX_ERROR: f64 = 0.1;
-/// Number of rounds of messages, and the share of the earlier message in the next one. The
-/// assignment of checkers no longer changes after 40 rounds.
-const ROUNDS: usize = 60;
+/// Cost of a cell that leaves its group.
+const MOVE_COST: f64 = 0.05;
+/// Largest number of rounds of messages.
+const MAX_ROUNDS: usize = 400;
+/// Number of rounds without a moved cell after which they end.
+const UNCHANGED_ROUNDS: usize = 40;
+/// Share of the earlier message in the next one.
 const DAMPING: f64 = 0.5;
 
 /// A message between neighbouring cells.
@@ -45,29 +44,29 @@ pub(super) fn reassign(groups: &mut Groups, cells: &Cells, conversion: &Conversi
         cells.tone(conversion.convert(radiance, groups.normals[i]))
     };
     let tones: Vec<[DVec3; 2]> = (0..groups.tones.len()).map(|i| [groups.tones[i], converted(i)]).collect();
-    let own = |(other, error): (&bool, f64)| {
-        let cost = if error < MAX_ERROR { MOVE_COST } else { FIXED_COST };
-        if *other { -cost } else { cost }
-    };
-    let own: Vec<f64> = groups.other.iter().zip(conversion.errors(groups, cells)).map(own).collect();
+    let errors = conversion.errors(groups, cells);
+    let own: Vec<f64> = groups.other.iter().map(|other| if *other { -MOVE_COST } else { MOVE_COST }).collect();
     let edges = groups.places.iter().enumerate().flat_map(|(from, at)| {
-        let (groups, tones) = (&*groups, &tones);
+        let (groups, tones, errors) = (&*groups, &tones, &errors);
         OFFSETS.into_iter().filter_map(move |offset| {
             let to = groups.at(*at, offset)?;
-            Some((from, to, pair_costs(tones[from], tones[to])))
+            Some((from, to, pair_costs(tones[from], tones[to], errors[from].max(errors[to]))))
         })
     });
     groups.other = second_group(edges, &own);
 }
 
-/// Returns the costs of the groups of two neighbours with these tones in both groups.
-fn pair_costs(from: [DVec3; 2], to: [DVec3; 2]) -> [[f64; 2]; 2] {
-    let cost = |a: usize, b: usize| {
-        let change = (from[a] - to[b]) / CHANGE;
-        let jump = (change * change).to_array().map(f64::ln_1p).iter().sum::<f64>() / 3.0;
-        if a == b { jump } else { jump + BORDER_COST }
+/// Returns the costs of the groups of two neighbours with these tones in both groups. `error` is
+/// the relative error of the conversion, which lets the tones of different groups differ.
+fn pair_costs(from: [DVec3; 2], to: [DVec3; 2], error: f64) -> [[f64; 2]; 2] {
+    let jump = |from: DVec3, to: DVec3, scale: f64| {
+        let change = (from - to) / scale;
+        (change * change).to_array().map(f64::ln_1p).iter().sum::<f64>() / 3.0
     };
-    [[cost(0, 0), cost(0, 1)], [cost(1, 0), cost(1, 1)]]
+    let same = jump(from[0], to[0], CHANGE);
+    let scale = CHANGE.hypot(error);
+    let border = |from: DVec3, to: DVec3| BORDER_COST + (scale / CHANGE).ln() + jump(from, to, scale);
+    [[same, border(from[0], to[1])], [border(from[1], to[0]), same]]
 }
 
 /// Returns the cells in the second group at a minimum of the sum of all costs. A pair of cells has
@@ -82,7 +81,9 @@ fn second_group(pairs: impl Iterator<Item = (usize, usize, [[f64; 2]; 2])>, own:
         edges.push(Edge { from: to, to: from, back: next, costs: [[a, c], [b, d]], message: 0.0 });
     }
     let mut beliefs = own.to_vec();
-    for _ in 0..ROUNDS {
+    let assigned = |beliefs: &[f64]| -> Vec<bool> { beliefs.iter().map(|belief| *belief < 0.0).collect() };
+    let (mut other, mut unchanged) = (assigned(&beliefs), 0);
+    for _ in 0..MAX_ROUNDS {
         let messages: Vec<f64> = edges
             .iter()
             .map(|edge| {
@@ -96,8 +97,14 @@ fn second_group(pairs: impl Iterator<Item = (usize, usize, [[f64; 2]; 2])>, own:
             edge.message = message;
             beliefs[edge.to] += message;
         }
+        let next = assigned(&beliefs);
+        unchanged = if next == other { unchanged + 1 } else { 0 };
+        other = next;
+        if unchanged == UNCHANGED_ROUNDS {
+            break;
+        }
     }
-    beliefs.iter().map(|belief| *belief < 0.0).collect()
+    other
 }
 
 #[cfg(test)]

@@ -5,6 +5,9 @@ use glam::{DVec3, Vec3};
 use super::{Cells, Conversion, Groups, Pattern, SurfaceGeometry, dilated, reassign};
 use crate::picture::Plane;
 
+/// Approximate number of the finer cells along the longer side of the object. The conversion
+/// assigns these cells to the paints again, because larger cells at the border show both paints.
+const FINE_CELLS: f64 = 200.0;
 /// Largest error to expect of a converted pixel, relative to its radiance.
 const MAX_ERROR: f64 = 0.03;
 /// Smallest share of the second paint, without its border, that must be converted. Otherwise, gonio
@@ -31,13 +34,19 @@ pub(super) fn separate(
     cells: &Cells,
     photograph: &Photograph<'_>,
 ) -> Option<Pattern> {
+    let &Photograph { rgb, usable, surface } = photograph;
     let mut conversion = Conversion::fit(groups, cells);
-    if let Some(first) = &conversion {
-        reassign(groups, cells, first);
+    let mut second = None;
+    if let Some(first) = &conversion
+        && let Some(fine) = Cells::of(rgb, usable, surface, (FINE_CELLS, false))
+    {
+        let mut divided = groups.divided(cells, &fine);
+        reassign(&mut divided, &fine, first);
+        groups.join_groups(cells, &divided, &fine);
+        second = Some(divided.second_paint(&fine, rgb, step));
         conversion = Conversion::fit(groups, cells);
     }
-    let &Photograph { rgb, usable, surface } = photograph;
-    let second = groups.second_paint(cells, rgb, step);
+    let second = second.unwrap_or_else(|| groups.second_paint(cells, rgb, step));
     let is_border = border(&second, usable, border_width(cells.side));
     let errors = conversion.as_ref().map(|conversion| conversion.errors(groups, cells));
     let is_accurate = |at| {

@@ -97,6 +97,46 @@ fn converts_the_second_paint_to_the_larger_one() {
 }
 
 #[test]
+fn squares_with_a_highlight_have_their_paint() {
+    // Squares of 15 degrees of a satin paint and of one half as bright. In a highlight, a dark
+    // square is as bright as the other paint.
+    let is_dark = |n: Vec3| {
+        let square = |angle: f32| (angle.to_degrees() / 15.0).floor();
+        (square(n.x.atan2(n.z)) + square(n.y.asin())) as i32 % 2 == 0
+    };
+    let rgb = ball(|n, r| {
+        let share = if is_dark(n) { 0.5 } else { 1.0 };
+        share * (0.4 * irradiance(n, 0.3) + 0.6 * highlights(r, 40.0))
+    });
+    let found = segment(&rgb).unwrap();
+    let is_darker = found.ratio < 1.0;
+    let inside = (0..SIZE * SIZE).map(|i| (i % SIZE, i / SIZE)).filter(|at| usable(*at));
+    let is_second = |at: (usize, usize)| is_dark(normal(at)) == is_darker;
+    let wrong = inside.clone().filter(|at| (found.relative[*at] != Vec3::ONE) != is_second(*at)).count();
+    assert!(100 * wrong < inside.clone().count(), "{wrong} of {}", inside.count());
+}
+
+#[test]
+fn finer_cells_keep_the_groups() {
+    let rgb = ball(|n, _| irradiance(n, 0.3) * if PATTERNS[1](n) { 0.2 } else { 0.6 });
+    let surface = SurfaceGeometry { normal: &normal, convex: true };
+    let cells = |count: f64| Cells::of(&rgb, &usable, &surface, (count, false)).unwrap();
+    let (coarse, fine) = (cells(90.0), cells(280.0));
+    let groups = Groups::of(&coarse, -1.0).unwrap();
+    let divided = groups.divided(&coarse, &fine);
+    assert_eq!((coarse.side, fine.side), (3, 1));
+    for (at, other) in divided.places.iter().zip(&divided.other) {
+        if let Some(own) = groups.index[(at.0 / 3, at.1 / 3)] {
+            assert_eq!(*other, groups.other[own], "{at:?}");
+        }
+    }
+    let mut joined = groups.divided(&coarse, &coarse);
+    joined.other.fill(false);
+    joined.join_groups(&coarse, &divided, &fine);
+    assert_eq!(joined.other, groups.other);
+}
+
+#[test]
 fn detects_a_label_beside_a_bright_rim() {
     let label = PATTERNS[4];
     let rgb = ball(|n, _| {

@@ -1,5 +1,4 @@
-//! Speed of the methods of the paper: the plan, Algorithm 1, the block solver and the light of one
-//! BRDF.
+//! Speed of the methods of the paper: the plan, Algorithm 1 and the block solver.
 //!
 //! Run with `cargo bench -p gonio-paper`. Lights and reflectances are synthetic and have the sizes
 //! of a real photograph of a sphere: a light of 32 x 32 texels (M = 1024), ten basis functions
@@ -10,7 +9,6 @@ use std::sync::LazyLock;
 use divan::{Bencher, black_box};
 use glam::Vec3;
 use gonio::inference::Hyperparameters;
-use gonio::inference::light::{InferenceSettings, LightInference, LightOperator};
 use gonio::lighting::{LightGrid, LightPrior, PriorSettings};
 use gonio::reflectance::BivariateTable;
 use gonio::reflectance::parametric::{Ggx, Parametric};
@@ -137,17 +135,4 @@ fn iteration(bencher: Bencher<'_, '_>, solver: Solver) {
 #[divan::bench(sample_count = 10, sample_size = 1)]
 fn grams(bencher: Bencher<'_, '_>) {
     bencher.bench_local(|| black_box(&IMAGE.bilinear).reflectance_grams());
-}
-
-/// Evidence of one candidate, with `max_steps` steps of expectation maximisation.
-#[divan::bench(args = [0, 10], sample_count = 10, sample_size = 1)]
-fn evidence(bencher: Bencher<'_, '_>, max_steps: usize) {
-    let Projected { bilinear, target, outside, pixels } = &*IMAGE;
-    let inference =
-        LightInference::new(target, *outside, *pixels, bilinear.m(), &WORLD.prior, Hyperparameters::default());
-    let inference = inference.expect("the image is not black");
-    let rows = bilinear.of_reflectance(&[0.1; WIDTHS.len()]);
-    let operator = LightOperator::from_rows(bilinear.rows(), bilinear.m(), &rows);
-    let settings = InferenceSettings { max_steps, tolerance: 0.0, ..InferenceSettings::default() };
-    bencher.bench_local(|| inference.posterior(black_box(&operator), &settings));
 }

@@ -230,6 +230,6 @@ fn estimate(object: &Captured, photograph: usize, model: &Model, given: Estimate
 /// Computes the 5, 50 and 95 % quantiles of [`errors::gloss`] under the posterior.
 fn gloss_quantiles(material: &MaterialEstimate, cells: &[Cell]) -> [f64; 3] {
     let number = |table: &BivariateTable| errors::gloss(cells, &|h, d| table.eval(h, d));
-    let quantiles = material.posterior.ranking(number).quantiles(&[0.05, 0.5, 0.95]);
+    let quantiles = material.posterior.number_quantiles(number, &[0.05, 0.5, 0.95]);
     [quantiles[0], quantiles[1], quantiles[2]]
 }

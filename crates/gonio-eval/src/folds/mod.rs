@@ -230,7 +230,7 @@ impl Test {
         let truth = &self.tables[material];
         let quantiles = posterior.quantiles(&[0.05, 0.25, 0.75, 0.95]).try_into().expect("four shares");
         outcome.coverage = Some(coverage(&posterior.mean, &quantiles, truth));
-        let ends = posterior.ranking(peak_height).quantiles(&[0.05, 0.95]);
+        let ends = posterior.number_quantiles(peak_height, &[0.05, 0.95]);
         outcome.held = Some((ends[0]..=ends[1]).contains(&peak_height(truth)));
     }
 }

@@ -279,12 +279,7 @@ impl SquareContributions {
     /// Returns the inverse correlation matrix of the squares, block-diagonal in the axes.
     fn inverse_prior(&self, map: OctahedralMap) -> Mat<f64> {
         let count = self.side * self.side;
-        let centres: Vec<DVec3> = (0..count)
-            .map(|k| {
-                let (u, v) = LightGrid::centre_of(self.side, k);
-                map.direction(u, v)
-            })
-            .collect();
+        let centres: Vec<DVec3> = (0..count).map(|k| LightGrid::direction_of(map, self.side, k)).collect();
         let (angle, share) = CORRELATED;
         let correlation = Mat::from_fn(count, count, |i, j| {
             let near = share * (-centres[i].angle_between(centres[j]) / angle).exp();

@@ -102,10 +102,10 @@ impl Highlight {
     pub fn of(posterior: &MaterialPosterior) -> Self {
         let (widths, shares) = (GgxWidths::new(), [0.05, 0.5, 0.95]);
         let three = |quantiles: Vec<f64>| [quantiles[0], quantiles[1], quantiles[2]];
-        let alpha = posterior.ranking(|table| widths.alpha_of(table).unwrap_or(1.0)).quantiles(&shares);
+        let alpha = posterior.number_quantiles(|table| widths.alpha_of(table).unwrap_or(1.0), &shares);
         // The draws have an albedo of one.
         let read = |meter: Glossmeter| {
-            three(posterior.ranking(|table| meter.read(table)).quantiles(&shares)).map(|units| ALBEDO * units)
+            three(posterior.number_quantiles(|table| meter.read(table), &shares)).map(|units| ALBEDO * units)
         };
         Self {
             alpha: three(alpha).map(|alpha| alpha.min(1.0)),

@@ -231,8 +231,7 @@ mod tests {
         // Two lamps in a sky.
         let lamps = [(DVec3::new(0.3, 0.4, 0.8), 40.0), (DVec3::new(-0.7, 0.1, 0.2), 25.0)];
         let radiance = |t: usize| {
-            let (u, v) = LightGrid::centre_of(64, t);
-            let direction = OctahedralMap::EqualArea.direction(u, v);
+            let direction = LightGrid::direction_of(OctahedralMap::EqualArea, 64, t);
             let lamp = |(centre, strength): &(DVec3, f64)| {
                 strength * (-(direction.angle_between(*centre) / 0.12).powi(2)).exp()
             };
@@ -253,10 +252,7 @@ mod tests {
         assert!(misfit < 0.05, "{misfit}");
         // Directions that the ball reflects to the camera.
         let error = |light: &dyn Fn(usize) -> Vec3| {
-            let seen = (0..64 * 64).filter(|&t| {
-                let (u, v) = LightGrid::centre_of(64, t);
-                OctahedralMap::EqualArea.direction(u, v).z > -0.5
-            });
+            let seen = (0..64 * 64).filter(|&t| LightGrid::direction_of(OctahedralMap::EqualArea, 64, t).z > -0.5);
             seen.map(|t| f64::from((light(t) - truth.texels()[t]).x).powi(2)).sum::<f64>()
         };
         let before = error(&|t| coarse.divided(64).texels()[t]);

@@ -232,10 +232,9 @@ impl<'a> MaterialDraft<'a> {
         let undetermined = posterior.undetermined(self.learnt);
         let trusted: Vec<usize> = trusted_cells().collect();
         let undetermined_share = trusted.iter().filter(|&&c| undetermined[c]).count() as f64 / trusted.len() as f64;
-        let ranking = posterior.ranking(peak_height);
         let drawn = learnt::predict(self.learnt, &posterior.likelihood, DRAWS, 1);
         let ends = Ends::of(drawn.as_ref().unwrap_or(&posterior.draws));
-        let peak = ranking.quantiles(&[0.05, 0.5, 0.95]);
+        let peak = posterior.number_quantiles(peak_height, &[0.05, 0.5, 0.95]);
         MaterialEstimate {
             table,
             scale,

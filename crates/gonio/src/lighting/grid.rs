@@ -104,6 +104,12 @@ impl LightGrid {
         (at(texel % side), -at(texel / side))
     }
 
+    /// Returns the unit direction of the centre of a texel.
+    pub(crate) fn direction_of(map: OctahedralMap, side: usize, texel: usize) -> DVec3 {
+        let (u, v) = Self::centre_of(side, texel);
+        map.direction(u, v)
+    }
+
     /// Returns the texel of a grid of `coarse` texels per side that contains texel `t` of one with
     /// `side`.
     pub(crate) fn coarser_texel(side: usize, coarse: usize, t: usize) -> usize {
@@ -248,8 +254,7 @@ mod tests {
     fn texel_centres_lie_in_their_texels() {
         for map in [OctahedralMap::EqualArea, OctahedralMap::PraunHoppe] {
             for texel in 0..256 {
-                let (u, v) = LightGrid::centre_of(16, texel);
-                assert_eq!(LightGrid::texel_of(map, 16, map.direction(u, v)), texel);
+                assert_eq!(LightGrid::texel_of(map, 16, LightGrid::direction_of(map, 16, texel)), texel);
             }
         }
         let (_, v) = LightGrid::centre_of(16, 3);

@@ -24,7 +24,7 @@ const USED_RADIUS: f64 = 0.95;
 const SHADING_DEGREE: usize = 2;
 /// Largest residual of the shading, relative to its mean. Light from a single direction leaves 0.08
 /// at 60 degrees from the camera, 0.14 at 90 and 0.19 at 110 degrees.
-const MAX_RESIDUAL: f64 = 0.15;
+pub(super) const MAX_RESIDUAL: f64 = 0.15;
 /// Residual, in multiples of the median one, above which a pixel is ignored, such as dust or a
 /// faint highlight. Larger parts of the ball are not ignored, because they shift the first fit and
 /// with it the median.
@@ -108,7 +108,7 @@ impl BallReading {
         let squares = residuals(&coefficients).iter().zip(&weights).map(|(r, weight)| weight * r * r).sum::<f64>();
         let residual = (squares / weights.iter().sum::<f64>()).sqrt() / brightness(&mean);
         if residual.is_nan() || residual > MAX_RESIDUAL {
-            return Err(ReferenceError::NotMatte { residual, most: MAX_RESIDUAL });
+            return Err(ReferenceError::NotMatte { residual });
         }
         check_neutral(mean)?;
         Ok(Self { centre, mean, pixels: inside.len(), clipped, residual })
@@ -147,8 +147,7 @@ mod tests {
     fn light() -> LightGrid {
         let side = 32;
         let texel = |t: usize| {
-            let (u, v) = LightGrid::centre_of(side, t);
-            let direction = OctahedralMap::EqualArea.direction(u, v);
+            let direction = LightGrid::direction_of(OctahedralMap::EqualArea, side, t);
             let lamp = if direction.dot(DVec3::new(0.7, 0.5, 0.5).normalize()) > 0.9 { 20.0 } else { 0.0 };
             Vec3::new(1.0, 0.8, 0.5) * lamp + Vec3::new(0.5, 0.8, 1.5) * (1.0 + direction.y as f32)
         };

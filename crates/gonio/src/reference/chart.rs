@@ -18,7 +18,7 @@ const HALF_SIDE: f64 = 0.22;
 /// Approximate largest number of pixels that are measured in a patch.
 const MAX_PIXELS: usize = 900;
 /// Smallest patch pitch in pixels, at which nine pixels of each patch are measured.
-const MIN_PITCH: f64 = 7.0;
+pub(super) const MIN_PITCH: f64 = 7.0;
 /// Largest fraction of clipped pixels in a usable patch.
 const MAX_CLIPPED: f64 = 0.05;
 /// Largest relative standard deviation of the luminance in a uniform patch.
@@ -207,7 +207,7 @@ impl PatchColour {
     fn check(&self, tolerance: Tolerance) -> Result<(), ReferenceError> {
         let (Self { fit, clipped, .. }, pitch) = (self, least_pitch(&self.pose));
         if pitch < MIN_PITCH {
-            return Err(ReferenceError::SmallChart { pitch, least: MIN_PITCH });
+            return Err(ReferenceError::SmallChart { pitch });
         }
         if *clipped > 0 && (fit.neutral_patches < MIN_NEUTRAL || self.usable < MIN_PATCHES) {
             let (clipped, usable, neutral) = (*clipped, self.usable, fit.neutral_patches);

@@ -2,6 +2,9 @@
 
 use thiserror::Error;
 
+use super::ball::MAX_RESIDUAL;
+use super::chart::MIN_PITCH;
+use super::patch::MAX_CHROMA;
 use crate::suggestion::Suggestion;
 
 /// Error for a reference that cannot be used; [`ReferenceError::suggestions`] lists suggestions.
@@ -72,18 +75,16 @@ pub enum ReferenceError {
     #[error(
         "the reference is not a matte ball: its shading deviates by {:.0} % from that of a matte ball (limit \
          {:.0} %); check the circle, gloss and shadows, or use another reference",
-        100.0 * .residual, 100.0 * .most
+        100.0 * .residual, 100.0 * MAX_RESIDUAL
     )]
     NotMatte {
         /// Root mean square residual of the shading, relative to its mean.
         residual: f64,
-        /// Largest accepted residual.
-        most: f64,
     },
     /// The patch has more colour than a neutral patch under captured light.
     #[error(
         "the reference is not neutral: its colour, ln(R/G) = {:.2} and ln(B/G) = {:.2}, is {distance:.1} away from \
-         white in natural logarithms (limit {most}); check that the reference is grey",
+         white in natural logarithms (limit {MAX_CHROMA}); check that the reference is grey",
         .log_chroma[0], .log_chroma[1]
     )]
     NotNeutral {
@@ -91,8 +92,6 @@ pub enum ReferenceError {
         log_chroma: [f64; 2],
         /// Distance from white in natural logarithms.
         distance: f64,
-        /// Largest accepted distance.
-        most: f64,
     },
     /// The corners are not those of a convex quadrilateral.
     #[error(
@@ -102,13 +101,12 @@ pub enum ReferenceError {
     Corners,
     /// The patches are too small.
     #[error(
-        "the patches of the colour chart are only {pitch:.1} pixels apart, but at least {least} are required; use a larger image"
+        "the patches of the colour chart are only {pitch:.1} pixels apart, but at least {MIN_PITCH} are required; \
+         use a larger image"
     )]
     SmallChart {
         /// Distance of neighbouring patches, in pixels.
         pitch: f64,
-        /// Smallest accepted distance in pixels.
-        least: f64,
     },
     /// The patches do not have the colours of the chart.
     #[error(

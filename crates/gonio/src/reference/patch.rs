@@ -19,7 +19,7 @@ const MAX_CHROMA_VARIATION: f64 = 0.25;
 /// Largest distance of the chroma of a neutral patch from white.
 ///
 /// Captured light has standard deviations of 0.46 and 0.12.
-const MAX_CHROMA: f64 = 1.5;
+pub(super) const MAX_CHROMA: f64 = 1.5;
 /// Largest fraction of pixels on the object, whose outline is accurate to about a pixel.
 const MAX_OVERLAP: f64 = 0.01;
 
@@ -221,7 +221,7 @@ pub(super) fn check_neutral(colour: DVec3) -> Result<(), ReferenceError> {
     let chroma = Chroma::of(colour);
     let distance = chroma.distance(Chroma::default());
     if distance > MAX_CHROMA {
-        return Err(ReferenceError::NotNeutral { log_chroma: chroma.0, distance, most: MAX_CHROMA });
+        return Err(ReferenceError::NotNeutral { log_chroma: chroma.0, distance });
     }
     Ok(())
 }

@@ -145,15 +145,6 @@ impl Default for QuadratureSettings {
     }
 }
 
-impl QuadratureSettings {
-    /// Returns settings that are twice as fine in every respect.
-    ///
-    /// The difference of the two results measures the error of the coarser one.
-    pub fn refined(self) -> Self {
-        Self { base: self.base + 1, ratio: self.ratio / 2.0, core: self.core / 2.0 }
-    }
-}
-
 /// Deepest level of cells, with 0.015 degrees of half angle.
 const DEEPEST: u32 = 14;
 /// Deepest level whose cell centres are tabulated.

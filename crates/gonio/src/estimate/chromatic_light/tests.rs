@@ -24,8 +24,7 @@ fn prior() -> LightPrior {
 /// Light of lamps and sky; `tint` maps a direction to the tints of red and blue.
 fn planted(tint: impl Fn(DVec3) -> [f64; 2]) -> LightGrid {
     let texel = |t: usize| {
-        let (u, v) = LightGrid::centre_of(FINE, t);
-        let d = MAP.direction(u, v);
+        let d = LightGrid::direction_of(MAP, FINE, t);
         let brightness = if d.y > 0.6 { 6.0 } else { 1.0 + 0.5 * d.x };
         let [red, blue] = tint(d);
         let (y, one) = ([0, 1, 2].map(|c| f64::from(luminance(Vec3::AXES[c]))), brightness);
@@ -120,9 +119,8 @@ fn recovers_the_colours_of_the_light_and_keeps_its_luminance() {
     let (mut off, mut all) = (0.0, 0.0);
     for (t, (got, want)) in got.grid.texels().iter().zip(light.texels()).enumerate() {
         assert!((luminance(*got) / luminance(*want) - 1.0).abs() < 1e-4);
-        let (u, v) = LightGrid::centre_of(FINE, t);
         // Directions behind the ball are not visible in it.
-        if MAP.direction(u, v).z > -0.5 {
+        if LightGrid::direction_of(MAP, FINE, t).z > -0.5 {
             let (got, want) = (Chroma::of(got.as_dvec3()), Chroma::of(want.as_dvec3()));
             off += got.distance(want).powi(2);
             all += want.distance(Chroma::default()).powi(2);
@@ -191,10 +189,7 @@ fn posterior_matches_the_closed_form_in_image_space() {
     let (plain, error) = (squares.plain(), 0.05);
     let got = squares.posterior(&plain, error, MAP);
     let (count, directions) = (FINE * FINE, squares.directions());
-    let centre = |k: usize| {
-        let (u, v) = LightGrid::centre_of(FINE, k);
-        MAP.direction(u, v)
-    };
+    let centre = |k: usize| LightGrid::direction_of(MAP, FINE, k);
     let prior = |i: usize, j: usize| {
         let near = CORRELATED.1 * (-centre(i).angle_between(centre(j)) / CORRELATED.0).exp();
         if i == j { 1.0 } else { near }

@@ -30,12 +30,11 @@ pub use candidates::Candidates;
 pub use convolution::{Convolution, silu, silu_backward};
 pub use encoder::{Encoder, inside_disk, pool};
 pub use encoder_shape::{EncoderError, EncoderShape, NamedLayer, Step};
-pub use numbers::{ScalarPosterior, peak_height};
+pub use numbers::peak_height;
 pub(crate) use posterior::sample;
 pub use posterior::{MaterialPosterior, Neighbour, interval_widths};
 pub(crate) use predictive::predict;
 pub use sphere_equivalent::{SphereEquivalent, to_sphere_equivalent};
-pub use spread::ErrorScale;
 
 use crate::appearance::DiskImage;
 use crate::appearance::disk::{CHANNELS, DISK_SIDE};

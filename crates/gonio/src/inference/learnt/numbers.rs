@@ -1,7 +1,7 @@
-//! Posterior of one number of a material, such as gloss.
+//! Quantiles of one number of a material, such as gloss.
 
 use super::posterior::MaterialPosterior;
-use super::spread::{ErrorScale, spread_quantile, student_quantile};
+use super::spread::{NUMBER_ERROR_SCALE, spread_quantile, student_quantile};
 use crate::parallel;
 use crate::reflectance::{BivariateTable, THETA_D, THETA_H, is_trusted, theta_d_of, theta_h_of};
 
@@ -21,32 +21,21 @@ pub fn peak_height(table: &BivariateTable) -> f64 {
     f64::from(table.cell(0, 0)) * count / f64::max(sum, 1e-300)
 }
 
-/// A number computed from each draw of a posterior, in ascending order.
-#[derive(Clone, Debug, PartialEq)]
-pub struct ScalarPosterior {
-    /// Logarithms of the numbers.
-    logs: Vec<f32>,
-    /// Scale of the error of the logarithm that the draws do not show.
-    error: f64,
-}
-
 impl MaterialPosterior {
-    /// Computes a positive number from the table of each draw.
-    pub fn ranking(&self, number: impl Fn(&BivariateTable) -> f64 + Sync) -> ScalarPosterior {
+    /// Computes quantiles of a positive number of each draw.
+    ///
+    /// The quantiles include the errors that the draws do not show. `shares` are in 0..1,
+    /// ascending.
+    pub fn number_quantiles(&self, number: impl Fn(&BivariateTable) -> f64 + Sync, shares: &[f64]) -> Vec<f64> {
         let mut logs: Vec<f32> = parallel::map(&self.draws, |table| number(table).max(1e-300).ln() as f32);
         logs.sort_by(f32::total_cmp);
-        ScalarPosterior { logs, error: ErrorScale::OF_NUMBERS }
+        quantiles_of_logs(&logs, shares)
     }
 }
 
-impl ScalarPosterior {
-    /// Computes quantiles of the number, including the errors that the draws do not show.
-    ///
-    /// `shares` are in 0..1, ascending.
-    pub fn quantiles(&self, shares: &[f64]) -> Vec<f64> {
-        let end = |share: &f64| spread_quantile(&self.logs, *share, (self.error * student_quantile(*share)) as f32);
-        shares.iter().map(|share| f64::from(end(share)).exp()).collect()
-    }
+fn quantiles_of_logs(logs: &[f32], shares: &[f64]) -> Vec<f64> {
+    let end = |share: &f64| spread_quantile(logs, *share, (NUMBER_ERROR_SCALE * student_quantile(*share)) as f32);
+    shares.iter().map(|share| f64::from(end(share)).exp()).collect()
 }
 
 #[cfg(test)]
@@ -61,8 +50,8 @@ mod tests {
 
     #[test]
     fn quantiles_include_the_error() {
-        let ranking = ScalarPosterior { logs: (0..101).map(|i| 0.01 * i as f32).collect(), error: 0.2 };
-        let quantiles = ranking.quantiles(&[0.05, 0.5, 0.95]);
+        let logs: Vec<f32> = (0..101).map(|i| 0.01 * i as f32).collect();
+        let quantiles = quantiles_of_logs(&logs, &[0.05, 0.5, 0.95]);
         assert!((quantiles[1] - 0.5_f64.exp()).abs() < 0.01, "{quantiles:?}");
         assert!(quantiles[0] < 1.0 && quantiles[2] > 2.8, "{quantiles:?}");
     }

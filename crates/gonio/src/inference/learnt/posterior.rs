@@ -1,6 +1,6 @@
 //! Posterior of the material of a photograph.
 
-use super::spread::{ErrorScale, quantile, spread_quantile, student_quantile};
+use super::spread::{error_scales, quantile, spread_quantile, student_quantile};
 use super::{Candidates, LearntPosterior};
 use crate::colour::ChromaField;
 use crate::inference::known_light::Gaussian;
@@ -46,8 +46,6 @@ pub struct MaterialPosterior {
     pub mean: BivariateTable,
     /// Measured materials of the largest weights, in descending order, at most ten.
     pub neighbours: Vec<Neighbour>,
-    /// Errors that the draws do not show; they widen the intervals.
-    pub spread: ErrorScale,
 }
 
 impl MaterialPosterior {
@@ -70,13 +68,7 @@ impl MaterialPosterior {
     /// Returns `None` if the inverse covariance of the Gaussian is not positive definite.
     pub fn of_gaussian(coordinates: &LatentSpace, gaussian: Gaussian, neighbours: Vec<Neighbour>) -> Option<Self> {
         let (draws, mean) = (gaussian.draws(coordinates, DRAWS, 1)?, gaussian.table(coordinates));
-        Some(Self {
-            likelihood: Likelihood::Gaussian(gaussian),
-            draws,
-            mean,
-            neighbours,
-            spread: ErrorScale::KNOWN_LIGHT,
-        })
+        Some(Self { likelihood: Likelihood::Gaussian(gaussian), draws, mean, neighbours })
     }
 
     /// Computes the posterior from the embedding of images.
@@ -94,14 +86,14 @@ impl MaterialPosterior {
         let mean = BivariateTable::from_vec(sum.into_iter().map(|v| (v / count).exp() as f32).collect());
         let shares = learnt.measured.weights(&weighed);
         let neighbours = heaviest(learnt, &shares);
-        Self { likelihood: Likelihood::Embedding(embedding), draws, mean, neighbours, spread: ErrorScale::BLIND }
+        Self { likelihood: Likelihood::Embedding(embedding), draws, mean, neighbours }
     }
 
     /// Computes quantiles of each cell, `[quantile][cell]`, on the scale of [`Self::mean`].
     ///
     /// The draws are scaled to the geometric mean of `mean` over the trusted cells, and the errors
-    /// of [`Self::spread`] are included. `shares` are in 0..1, ascending. Cells beyond the trusted
-    /// ones have the quantiles of the nearest trusted cell.
+    /// that they do not show are included. `shares` are in 0..1, ascending. Cells beyond the
+    /// trusted ones have the quantiles of the nearest trusted cell.
     pub fn quantiles(&self, shares: &[f64]) -> Vec<Vec<f32>> {
         self.quantiles_of(&relative_logs(&self.draws), shares)
     }
@@ -118,8 +110,8 @@ impl MaterialPosterior {
 
     /// Computes the logarithms of a channel of each draw, `[draw][cell]`.
     ///
-    /// Their scale is that of [`Self::quantiles`], but they do not include the errors of
-    /// [`Self::spread`]. Draws and chromas are paired in turn; grey chromas give the luminance.
+    /// Their scale is that of [`Self::quantiles`], but they do not include the errors that the
+    /// draws do not show. Draws and chromas are paired in turn; grey chromas give the luminance.
     ///
     /// # Panics
     /// If there are no chromas.
@@ -141,7 +133,7 @@ impl MaterialPosterior {
     }
 
     fn quantiles_of(&self, logs: &[Vec<f32>], shares: &[f64]) -> Vec<Vec<f32>> {
-        let (level, scales) = (log_level(&self.mean) as f32, self.spread.by_cell());
+        let (level, scales) = (log_level(&self.mean) as f32, error_scales(&self.likelihood));
         let errors: Vec<f32> = shares.iter().map(|share| student_quantile(*share) as f32).collect();
         let ends = |cell: usize, values: &[f32]| {
             let end = |(share, error): (&f64, &f32)| spread_quantile(values, *share, scales[cell] * error);
@@ -165,8 +157,8 @@ impl MaterialPosterior {
     /// Returns for each cell whether the image leaves it undetermined.
     ///
     /// A cell is undetermined if the 90 % interval of its draws is more than six tenths of the
-    /// prior's. Both are intervals of the logarithm, without the errors of [`Self::spread`]. Cells
-    /// beyond the trusted ones always count as undetermined.
+    /// prior's. Both are intervals of the logarithm, without the errors that the draws do
+    /// not show. Cells beyond the trusted ones always count as undetermined.
     pub fn undetermined(&self, learnt: &LearntPosterior) -> Vec<bool> {
         let widths = interval_widths(&self.draws);
         let open = |c: usize| f64::from(widths[c]) > UNDETERMINED * f64::from(learnt.widths[c]);

@@ -4,7 +4,7 @@ use rand::SeedableRng;
 use rand_distr::{ChiSquared, Distribution};
 use rand_pcg::Pcg64;
 
-use super::spread::{DEGREES_OF_FREEDOM, ErrorScale};
+use super::spread::{DEGREES_OF_FREEDOM, error_scales};
 use super::{LearntPosterior, sample};
 use crate::inference::likelihood::Likelihood;
 use crate::parallel;
@@ -12,7 +12,7 @@ use crate::reflectance::{BivariateTable, unit_field};
 
 /// Draws materials with albedo one along the normal from the posterior predictive distribution.
 ///
-/// Each draw is one of [`sample`] times `exp(t s f)`. Here `s` is the [`ErrorScale`] of the cell,
+/// Each draw is one of [`sample`] times `exp(t s f)`. Here `s` is the error scale of the cell,
 /// and `f` is a smooth random field of variance one. `t` makes the product `t f` follow Student's
 /// distribution in every cell. The quantiles of the draws are approximately those of
 /// [`MaterialPosterior::quantiles`](super::MaterialPosterior::quantiles), which add the distances
@@ -25,11 +25,7 @@ pub(crate) fn predict(
     count: usize,
     seed: u64,
 ) -> Option<Vec<BivariateTable>> {
-    let scales = match likelihood {
-        Likelihood::Embedding(_) => ErrorScale::BLIND,
-        Likelihood::Gaussian(_) => ErrorScale::KNOWN_LIGHT,
-    }
-    .by_cell();
+    let scales = error_scales(likelihood);
     let squares = ChiSquared::new(DEGREES_OF_FREEDOM).expect("the number of degrees of freedom is positive");
     let mut rng = Pcg64::seed_from_u64(seed);
     let fields: Vec<Vec<f32>> = (0..count)

@@ -2,55 +2,52 @@
 
 use std::f64::consts::PI;
 
+use crate::inference::likelihood::Likelihood;
 use crate::reflectance::{CELLS, angles_of};
 
-/// Half angles, in degrees, at which spreads are given: linear between them, constant beyond.
+/// Half angles, in degrees, at which scales are given: linear between them, constant beyond.
 const NODES: [f64; 6] = [2.0, 7.0, 15.0, 27.5, 45.0, 65.0];
 
 /// Degrees of freedom of Student's distribution of the errors.
 pub(super) const DEGREES_OF_FREEDOM: f64 = 3.0;
 
-/// Scale of the error of the logarithm of reflectance that the draws of a posterior do not show.
+/// Scale of the error of the logarithm of a number such as gloss.
+pub(super) const NUMBER_ERROR_SCALE: f64 = 0.15;
+
+/// Scales at the half angles of [`NODES`] under an unknown light.
+const UNKNOWN_LIGHT_SCALES: [f64; 6] = [0.2, 0.25, 0.3, 0.35, 0.45, 0.8];
+
+/// Scales at the half angles of [`NODES`] under a known light.
+const KNOWN_LIGHT_SCALES: [f64; 6] = [0.14, 0.14, 0.15, 0.18, 0.28, 0.6];
+
+/// Returns the scale of the error of the log reflectance of every cell.
 ///
-/// The error has two causes: the coordinates of materials cannot express every material, and new
-/// photographs differ from those in training. It has Student's distribution with three degrees of
-/// freedom, since materials differ in their distance from the prior.
+/// The draws of a posterior do not show this error. It has two causes: the coordinates of materials
+/// cannot express every material, and new photographs differ from those in training. It has
+/// Student's distribution with three degrees of freedom, since materials differ in their distance
+/// from the prior.
 ///
 /// `gonio-eval calibration` determines the numbers. With them, intervals contain the measured
 /// values of materials outside the training set as often as their probability requires
 /// (docs/results.md).
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ErrorScale {
-    /// Scale at the half angles of [`NODES`].
-    of_cells: [f64; 6],
+pub(super) fn error_scales(likelihood: &Likelihood) -> Vec<f32> {
+    let scales = match likelihood {
+        Likelihood::Embedding(_) => UNKNOWN_LIGHT_SCALES,
+        Likelihood::Gaussian(_) => KNOWN_LIGHT_SCALES,
+    };
+    (0..CELLS).map(|cell| scale_at(&scales, angles_of(cell).0) as f32).collect()
 }
 
-impl ErrorScale {
-    /// Scale of the logarithm of a number such as gloss.
-    pub(super) const OF_NUMBERS: f64 = 0.15;
-
-    /// Spread under an unknown light.
-    pub(super) const BLIND: Self = Self { of_cells: [0.2, 0.25, 0.3, 0.35, 0.45, 0.8] };
-
-    /// Spread under a known light.
-    pub(super) const KNOWN_LIGHT: Self = Self { of_cells: [0.14, 0.14, 0.15, 0.18, 0.28, 0.6] };
-
-    /// Returns the scale at a half angle in radians.
-    fn at(&self, half_angle: f64) -> f64 {
-        let degrees = half_angle.to_degrees();
-        let above = NODES.iter().position(|node| *node > degrees).unwrap_or(NODES.len());
-        if above == 0 || above == NODES.len() {
-            return self.of_cells[above.min(NODES.len() - 1)];
-        }
-        let (low, high) = (NODES[above - 1], NODES[above]);
-        let share = (degrees - low) / (high - low);
-        self.of_cells[above - 1] + share * (self.of_cells[above] - self.of_cells[above - 1])
+/// Returns the scale at a half angle in radians.
+fn scale_at(scales: &[f64; 6], half_angle: f64) -> f64 {
+    let degrees = half_angle.to_degrees();
+    let above = NODES.iter().position(|node| *node > degrees).unwrap_or(NODES.len());
+    if above == 0 || above == NODES.len() {
+        return scales[above.min(NODES.len() - 1)];
     }
-
-    /// Returns the scale of every cell.
-    pub(super) fn by_cell(&self) -> Vec<f32> {
-        (0..CELLS).map(|cell| self.at(angles_of(cell).0) as f32).collect()
-    }
+    let (low, high) = (NODES[above - 1], NODES[above]);
+    let share = (degrees - low) / (high - low);
+    scales[above - 1] + share * (scales[above] - scales[above - 1])
 }
 
 /// Computes a quantile of Student's distribution with three degrees of freedom.
@@ -117,12 +114,12 @@ mod tests {
     }
 
     #[test]
-    fn spreads_grow_with_the_half_angle() {
-        for spread in [ErrorScale::BLIND, ErrorScale::KNOWN_LIGHT] {
-            assert_eq!(spread.at(0.0), spread.of_cells[0]);
-            assert_eq!(spread.at(1.5), spread.of_cells[5]);
-            assert!((spread.at(45_f64.to_radians()) - spread.of_cells[4]).abs() < 1e-12);
-            let degrees: Vec<f64> = (0..90).map(|h| spread.at(f64::from(h).to_radians())).collect();
+    fn scales_grow_with_the_half_angle() {
+        for scales in [UNKNOWN_LIGHT_SCALES, KNOWN_LIGHT_SCALES] {
+            assert_eq!(scale_at(&scales, 0.0), scales[0]);
+            assert_eq!(scale_at(&scales, 1.5), scales[5]);
+            assert!((scale_at(&scales, 45_f64.to_radians()) - scales[4]).abs() < 1e-12);
+            let degrees: Vec<f64> = (0..90).map(|h| scale_at(&scales, f64::from(h).to_radians())).collect();
             assert!(degrees.windows(2).all(|pair| pair[0] <= pair[1]));
         }
     }

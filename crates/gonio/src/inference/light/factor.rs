@@ -2,7 +2,7 @@
 //! smaller of two spaces.
 
 use faer::{Accum, Mat, MatRef};
-use gonio_linalg::{Cholesky, axpy, bands_of, dispatch, dot, each_column, multiply, squared_norms};
+use gonio_linalg::{Cholesky, axpy, bands_of, column_bands, dispatch, dot, each_column, multiply, squared_norms};
 use rayon::prelude::*;
 
 use crate::parallel;
@@ -31,7 +31,7 @@ impl Form {
     }
 }
 
-/// Parts of an operator that are reused at other variances: `B`, and `B'B` if the form requires it.
+/// Linear map `B` from light to image for one reflectance, and `B'B` if the form requires it.
 #[derive(Clone, Debug)]
 pub(super) struct Design {
     /// `B` (rows x M).
@@ -40,7 +40,33 @@ pub(super) struct Design {
 }
 
 impl Design {
-    pub(super) fn new(matrix: Mat<f64>, form: Form) -> Self {
+    /// Builds the design from the `entries` of `B`, row by row (rows x m), with each row multiplied
+    /// by its factor.
+    ///
+    /// # Panics
+    /// If there are not `rows * m` entries, or not as many factors as rows.
+    pub(super) fn of_rows<A: Copy + Into<f64> + Sync>(
+        rows: usize,
+        m: usize,
+        entries: &[A],
+        factors: Option<&[f64]>,
+    ) -> Self {
+        assert_eq!(entries.len(), rows * m);
+        assert!(factors.is_none_or(|factors| factors.len() == rows));
+        let mut matrix = Mat::zeros(rows, m);
+        // A band has as many columns as values of a row share a cache line.
+        column_bands(matrix.as_mut(), m.div_ceil(16).max(1)).into_par_iter().for_each(|(first, mut band)| {
+            for i in 0..rows {
+                let factor = factors.map_or(1.0, |factors| factors[i]);
+                for (j, entry) in entries[i * m + first..][..band.ncols()].iter().enumerate() {
+                    band[(i, j)] = factor * (*entry).into();
+                }
+            }
+        });
+        Self::new(matrix, Form::smaller(rows, m))
+    }
+
+    fn new(matrix: Mat<f64>, form: Form) -> Self {
         let gram = (form == Form::Light).then(|| lower_of_product(matrix.transpose(), matrix.as_ref()));
         Self { matrix, gram }
     }
@@ -60,7 +86,7 @@ impl Design {
         out
     }
 
-    /// `B x` (rows) of several vectors, in one pass over the operator.
+    /// `B x` (rows) of several vectors, in one pass over the design.
     pub(super) fn times_all<const N: usize>(&self, x: [&[f64]; N]) -> [Vec<f64>; N] {
         let (rows, columns) = self.matrix.shape();
         let parts: Vec<[Vec<f64>; N]> = parallel::map_range(columns.div_ceil(GROUP), |group| {
@@ -89,7 +115,7 @@ impl Design {
         out
     }
 
-    /// `B' e` (M) of several images, in one pass over the operator.
+    /// `B' e` (M) of several images, in one pass over the design.
     pub(super) fn adjoint_all<const N: usize>(&self, e: [&[f64]; N]) -> [Vec<f64>; N] {
         let columns = (0..self.matrix.ncols()).into_par_iter().with_min_len(COLUMNS);
         let products: Vec<[f64; N]> =

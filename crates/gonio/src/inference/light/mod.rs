@@ -22,10 +22,9 @@
 //! ascent therefore includes component switches: every coefficient takes the components that are
 //! best for it alone, if that raises the bound.
 //!
-//! * [`LightInference`] is an image with the priors of light, exposure and noise; [`LightOperator`]
-//!   is `B`;
-//! * [`LightInference::posterior`] maximises the bound for one `B` and returns it with the
-//!   posterior of the light, [`LightPosterior`];
+//! * `LightInference` is an image with the priors of light, exposure and noise; `Design` is `B`;
+//! * `LightInference::posterior` maximises the bound for one `B` and returns it with the posterior
+//!   of the light, [`LightPosterior`];
 //! * `non_negative_light` is the mean of the light without negative texels;
 //! * [`LightProblem`] combines these for a photograph and one BRDF.
 //!
@@ -34,7 +33,6 @@
 //! optimal `b` is `(a + N/2) / (b_0 + E/2)` as in Algorithm 1.
 
 mod factor;
-mod operator;
 mod point;
 mod positive;
 mod posterior;
@@ -48,9 +46,9 @@ mod truncated;
 use puruspe::ln_gamma;
 use thiserror::Error;
 
-pub use operator::LightOperator;
 pub use positive::{NonNegativeLight, cut_off_at_zero};
-pub use posterior::{InferenceSettings, LightPosterior};
+use posterior::InferenceSettings;
+pub use posterior::LightPosterior;
 pub use problem::{LightError, LightProblem};
 pub(crate) use richardson_lucy::refine;
 use scales::Scales;
@@ -64,14 +62,11 @@ use crate::lighting::{LightGrid, LightPrior};
 /// The image is scaled to root mean square one; bounds are logarithms of the density of the scaled
 /// image.
 #[derive(Clone, Debug)]
-pub struct LightInference<'a> {
+struct LightInference<'a> {
     /// The scaled image on its rows (r).
     target: Vec<f64>,
-    /// Energy of the scaled image outside the rows.
-    outside: f64,
-    /// N of eq. 9: the number of rows plus the dimensions of pure noise outside them.
-    pixels: f64,
-    /// Factor that the image was multiplied by.
+    /// Factor by which the image was multiplied. Exposure and noise in units of the image are those
+    /// of the scaled image divided by it.
     scale: f64,
     scales: Scales<'a>,
     hyper: Hyperparameters,
@@ -80,54 +75,36 @@ pub struct LightInference<'a> {
 /// Error in computing the evidence.
 #[derive(Clone, Copy, Debug, Error, PartialEq, Eq)]
 pub enum LightInferenceError {
-    /// The operator or its products overflow.
-    #[error("the operator has values that are not finite or too large")]
+    /// The design or its products overflow.
+    #[error("the light transport has values that are not finite or too large")]
     NotFinite,
 }
 
 impl<'a> LightInference<'a> {
-    /// Builds the inference for an image `target` on r rows (linear radiance), with energy
-    /// `outside` (sum of squares) in the `pixels - r` dimensions that no light reaches, for
-    /// operators of `m` light coefficients.
+    /// Builds the inference for an image `target` on r rows (linear radiance), for designs of `m`
+    /// light coefficients.
     ///
     /// # Errors
     /// For black or non-finite images.
     ///
     /// # Panics
-    /// If `pixels < r` or the prior does not cover `m` coefficients.
-    pub fn new(
-        target: &[f64],
-        outside: f64,
-        pixels: usize,
-        m: usize,
-        light: &'a LightPrior,
-        hyper: Hyperparameters,
-    ) -> Result<Self, ImageError> {
-        assert!(pixels >= target.len(), "{pixels} pixels for {} rows", target.len());
-        let energy = target.iter().map(|t| t * t).sum::<f64>() + outside;
+    /// If the prior does not cover `m` coefficients.
+    fn new(target: &[f64], m: usize, light: &'a LightPrior, hyper: Hyperparameters) -> Result<Self, ImageError> {
+        let energy = target.iter().map(|t| t * t).sum::<f64>();
         ImageError::check(energy)?;
-        let scale = (pixels as f64 / energy).sqrt();
-        let priors: Vec<_> = (1..m).map(|m| light.of_index(m).expect("the prior covers the operator")).collect();
+        let scale = (target.len() as f64 / energy).sqrt();
+        let priors: Vec<_> = (1..m).map(|m| light.of_index(m).expect("the prior covers the light")).collect();
         Ok(Self {
             target: target.iter().map(|t| t * scale).collect(),
-            outside: outside * scale * scale,
-            pixels: pixels as f64,
             scale,
             scales: Scales::new(LightGrid::normalised_dc(), &priors),
             hyper,
         })
     }
 
-    /// Returns the factor by which the image was multiplied.
-    ///
-    /// Exposure and noise in units of the image are those of the scaled image divided by it.
-    pub fn scale(&self) -> f64 {
-        self.scale
-    }
-
-    /// Number of rows r.
-    pub fn rows(&self) -> usize {
-        self.target.len()
+    /// Number of rows r, which is N of eq. 9.
+    fn rows(&self) -> f64 {
+        self.target.len() as f64
     }
 
     /// `log p(log g)` of the exponential prior of `g`.

@@ -86,7 +86,7 @@ impl<'a> Point<'a> {
         let [from_target, from_mean] = factor.solve([&inference.target, &mean_image]);
         let [gain_target, gain_mean] = factor.gain([&from_target, &from_mean]);
         let misfit = Misfit {
-            target: dot(&inference.target, &from_target) + inference.outside,
+            target: dot(&inference.target, &from_target),
             mixed: dot(&mean_image, &from_target),
             mean: dot(&mean_image, &from_mean),
         };
@@ -126,7 +126,7 @@ impl<'a> Point<'a> {
         if let Some(cut) = &cut {
             light.iter_mut().zip(&cut.regression).for_each(|(l, k)| *l += k * cut.shift);
         }
-        let noise = 0.5 * inference.pixels * (state.log_b - TAU.ln());
+        let noise = 0.5 * inference.rows() * (state.log_b - TAU.ln());
         let bound = noise - 0.5 * (factor.log_det() + b * misfit.at(g))
             + given.constant
             + cut.as_ref().map_or(0.0, |cut| cut.log_mass);
@@ -197,8 +197,8 @@ impl<'a> Point<'a> {
     }
 
     /// Next state of expectation maximisation: responsibilities from the posterior of the light;
-    /// then `g` given `b`, and `b` given `g`, from the expected squared residual `E = outside +
-    /// |t|^2 - 2 g t'B<l> + g^2 (|B<l>|^2 + tr(B Sigma B'))`.
+    /// then `g` given `b`, and `b` given `g`, from the expected squared residual
+    /// `E = |t|^2 - 2 g t'B<l> + g^2 (|B<l>|^2 + tr(B Sigma B'))`.
     pub(super) fn maximised(&self, inference: &LightInference<'_>, settings: &InferenceSettings) -> State {
         let mut state = self.state.clone();
         let spread = self.effective() / state.log_rho().exp();
@@ -214,16 +214,15 @@ impl<'a> Point<'a> {
         if settings.noise.is_none() {
             let g = state.log_g.exp();
             let residual: f64 = inference.target.iter().zip(&self.image).map(|(t, y)| (t - g * y).powi(2)).sum();
-            let error = inference.outside + residual + g * g * spread;
-            let shape = inference.hyper.noise_shape + 0.5 * inference.pixels;
+            let error = residual + g * g * spread;
+            let shape = inference.hyper.noise_shape + 0.5 * inference.rows();
             state.log_b = (shape / (inference.hyper.noise_rate + 0.5 * error)).ln();
         }
         state
     }
 }
 
-/// `e' S^-1 e` for the residual `e = t - g B mu` of the prior mean, as a quadratic in `g`, plus the
-/// energy outside the rows.
+/// `e' S^-1 e` for the residual `e = t - g B mu` of the prior mean, as a quadratic in `g`.
 struct Misfit {
     target: f64,
     mixed: f64,
@@ -248,7 +247,7 @@ impl Misfit {
     ) -> f64 {
         let objective = |u: f64| {
             let log_b = log_rho - 2.0 * u;
-            0.5 * (inference.pixels * log_b - log_b.exp() * self.at(u.exp()))
+            0.5 * (inference.rows() * log_b - log_b.exp() * self.at(u.exp()))
                 + inference.log_exposure_prior(u)
                 + inference.log_noise_prior(log_b)
                 + log_mass(u)
@@ -256,7 +255,7 @@ impl Misfit {
         // Without the mass, the derivative in u is a cubic in 1/g whose coefficients change sign
         // once, so it has one root.
         let hyper = &inference.hyper;
-        let (rho, n) = (log_rho.exp(), inference.pixels + 2.0 * hyper.noise_shape - 1.0);
+        let (rho, n) = (log_rho.exp(), inference.rows() + 2.0 * hyper.noise_shape - 1.0);
         let falls = |u: f64| {
             let z = (-u).exp();
             rho * z * ((self.target + 2.0 * hyper.noise_rate) * z - self.mixed) < n + hyper.exposure_rate / z

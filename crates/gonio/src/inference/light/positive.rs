@@ -165,15 +165,15 @@ mod tests {
 
     use super::*;
     use crate::inference::Hyperparameters;
-    use crate::inference::light::{InferenceSettings, LightOperator};
+    use crate::inference::light::InferenceSettings;
     use crate::lighting::{CoefficientPrior, LightGrid, LightPrior, ScaleMixture};
     use crate::testing::on_threads;
 
-    /// Light of a bright and a dimmer lamp in the dark, observed through a blurring operator with
+    /// Light of a bright and a dimmer lamp in the dark, observed through a blurring design with
     /// noise.
     struct Lamps {
         light: Vec<f64>,
-        operator: LightOperator,
+        design: Design,
         target: Vec<f64>,
     }
 
@@ -206,7 +206,7 @@ mod tests {
             let z: f64 = StandardNormal.sample(&mut rng);
             *t += noise * rms * z;
         }
-        Lamps { light: texels, operator: LightOperator::from_rows(rows, m, &entries), target }
+        Lamps { light: texels, design: Design::of_rows(rows, m, &entries, None), target }
     }
 
     /// Gaussian prior, which does not model lamps: the mean is negative beside them.
@@ -231,13 +231,12 @@ mod tests {
     #[test]
     fn removes_negative_lobes_and_improves_the_light() {
         for noise in [0.01, 0.05, 0.2] {
-            let Lamps { light, operator, target } = lamps(8, noise);
+            let Lamps { light, design, target } = lamps(8, noise);
             let prior = gaussian_prior(8);
-            let inference =
-                LightInference::new(&target, 0.0, target.len(), 64, &prior, Hyperparameters::default()).unwrap();
-            let posterior = inference.posterior(&operator, &InferenceSettings::default()).unwrap();
+            let inference = LightInference::new(&target, 64, &prior, Hyperparameters::default()).unwrap();
+            let posterior = inference.posterior(&design, &InferenceSettings::default(), None).unwrap();
             let lowest = lit(&posterior.light).into_iter().fold(f64::MAX, f64::min);
-            let got = inference.non_negative_light(&inference.design(operator.clone()), &posterior).unwrap();
+            let got = inference.non_negative_light(&design, &posterior).unwrap();
             assert!(got.converged, "{noise}: {} steps", got.steps);
             let top = lit(&got.light).into_iter().fold(0.0, f64::max);
             assert!(lowest < -0.02 * top, "{noise}: nothing to remove: {lowest} of {top}");
@@ -251,14 +250,13 @@ mod tests {
 
     #[test]
     fn result_is_independent_of_threads() {
-        let Lamps { operator, target, .. } = lamps(16, 0.05);
+        let Lamps { design, target, .. } = lamps(16, 0.05);
         let prior = crate::testing::toy_prior(16);
         let run = || {
-            let inference =
-                LightInference::new(&target, 0.0, target.len(), 256, &prior, Hyperparameters::default()).unwrap();
+            let inference = LightInference::new(&target, 256, &prior, Hyperparameters::default()).unwrap();
             let settings = InferenceSettings { max_steps: 3, ..Default::default() };
-            let posterior = inference.posterior(&operator, &settings).unwrap();
-            inference.non_negative_light(&inference.design(operator.clone()), &posterior).unwrap()
+            let posterior = inference.posterior(&design, &settings, None).unwrap();
+            inference.non_negative_light(&design, &posterior).unwrap()
         };
         assert_eq!(on_threads(1, run), on_threads(3, run));
     }
@@ -284,10 +282,10 @@ mod tests {
         let target: Vec<f64> =
             entries.chunks(16).map(|b| b.iter().zip(&light).map(|(b, l)| b * l).sum::<f64>()).collect();
         let prior = gaussian_prior(side);
-        let inference = LightInference::new(&target, 0.0, 40, 16, &prior, Hyperparameters::default()).unwrap();
-        let operator = LightOperator::from_rows(40, 16, &entries);
-        let posterior = inference.posterior(&operator, &InferenceSettings::default()).unwrap();
-        let got = inference.non_negative_light(&inference.design(operator.clone()), &posterior).unwrap();
+        let inference = LightInference::new(&target, 16, &prior, Hyperparameters::default()).unwrap();
+        let design = Design::of_rows(40, 16, &entries, None);
+        let posterior = inference.posterior(&design, &InferenceSettings::default(), None).unwrap();
+        let got = inference.non_negative_light(&design, &posterior).unwrap();
         let got = got.light;
         assert!(distance(&got, &posterior.light) < 1e-3 * distance(&got, &[0.0; 16]), "{got:?} {:?}", posterior.light);
     }

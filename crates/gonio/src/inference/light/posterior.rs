@@ -1,14 +1,14 @@
-//! Bound on the evidence at one operator, and the expectation maximisation that raises it.
+//! Bound on the evidence at one design, and the expectation maximisation that raises it.
 
 use gonio_linalg::dot;
 
-use super::factor::{Design, Form};
+use super::factor::Design;
 use super::point::{Point, State};
-use super::{LightInference, LightInferenceError, LightOperator};
+use super::{LightInference, LightInferenceError};
 
 /// Settings of [`LightInference::posterior`].
 #[derive(Clone, Debug, PartialEq)]
-pub struct InferenceSettings {
+pub(super) struct InferenceSettings {
     /// Largest number of steps of expectation maximisation.
     pub max_steps: usize,
     /// Gain of the objective in one step, in nats, below which the ascent has converged.
@@ -73,7 +73,11 @@ const SLOW: f64 = 1.0;
 const MAX_SWITCHES: usize = 8;
 
 impl LightInference<'_> {
-    /// Maximises the bound of an operator, starting from the scales of the prior's variances.
+    /// Maximises the bound of a design.
+    ///
+    /// The ascent starts from the scales of the prior's variances or, if given, from `coarse`: the
+    /// posterior of the first coefficients alone. The finer coefficients then start at the scales
+    /// of their prior.
     ///
     /// The bound has a local maximum for every choice of components. When the ascent becomes slow,
     /// it selects the best component of each coefficient with all other coefficients fixed. If
@@ -84,28 +88,19 @@ impl LightInference<'_> {
     /// `log(b g^2)`; if this lowers the objective, the plain step is used.
     ///
     /// # Errors
-    /// If the operator has values that are not finite, or so large that products overflow.
+    /// If the design has values that are not finite, or so large that products overflow.
     ///
     /// # Panics
     /// If the numbers of rows or light coefficients differ from those of the image and the prior.
-    pub fn posterior(
-        &self,
-        operator: &LightOperator,
-        settings: &InferenceSettings,
-    ) -> Result<LightPosterior, LightInferenceError> {
-        self.posterior_of(&self.design(operator.clone()), settings, None)
-    }
-
-    /// Maximises the bound like [`Self::posterior`].
-    ///
-    /// The ascent starts from `coarse` if it is given, the posterior of the first coefficients
-    /// alone. The finer coefficients then start at the scales of their prior.
-    pub(super) fn posterior_of(
+    pub(super) fn posterior(
         &self,
         design: &Design,
         settings: &InferenceSettings,
         coarse: Option<&LightPosterior>,
     ) -> Result<LightPosterior, LightInferenceError> {
+        let (rows, m) = design.matrix.shape();
+        assert_eq!(m, self.scales.means().len(), "the design and the prior differ in light coefficients");
+        assert_eq!(rows, self.target.len(), "the design and the image differ in rows");
         let start = match coarse {
             None => self.start(design, settings),
             Some(coarse) => {
@@ -115,13 +110,6 @@ impl LightInference<'_> {
             }
         };
         self.maximise(design, start, settings)
-    }
-
-    pub(super) fn design(&self, operator: LightOperator) -> Design {
-        assert_eq!(operator.m(), self.scales.means().len(), "the operator and the prior differ in light coefficients");
-        assert_eq!(operator.rows(), self.rows(), "the operator and the image differ in rows");
-        let form = Form::smaller(operator.rows(), operator.m());
-        Design::new(operator.matrix, form)
     }
 
     /// Returns the start of the ascent.

@@ -3,7 +3,7 @@
 use thiserror::Error;
 
 use super::factor::Design;
-use super::{InferenceSettings, LightInference, LightInferenceError, LightOperator, LightPosterior, NonNegativeLight};
+use super::{InferenceSettings, LightInference, LightInferenceError, LightPosterior, NonNegativeLight};
 use crate::inference::{Hyperparameters, ImageError};
 use crate::lighting::LightPrior;
 use crate::reflectance::BivariateTable;
@@ -22,7 +22,7 @@ pub struct LightProblem<'a> {
 /// Error in estimating the light.
 #[derive(Debug, Error)]
 pub enum LightError {
-    /// No operator can be built from points, table and grid.
+    /// No design can be built from points, table and grid.
     #[error(transparent)]
     Transfer(#[from] TransferError),
     /// The image is black or not finite.
@@ -65,18 +65,19 @@ impl<'a> LightProblem<'a> {
         settings: &TransferSettings,
     ) -> Result<Self, LightError> {
         let (rows, mut target) = observed_rows(points.into(), values, std::slice::from_ref(table), prior, settings)?;
-        let mut operator = LightOperator::from_rows(target.len(), settings.side * settings.side, &rows);
-        if let Some(weights) = weights {
-            // Scales the rows to equal noise.
+        // Factors that scale the rows to equal noise.
+        let roots: Option<Vec<f64>> = weights.map(|weights| {
             assert_eq!(weights.len(), values.len());
             let kept = weights.iter().zip(values).filter(|(_, value)| value.is_some());
-            let roots: Vec<f64> = kept.map(|(w, _)| w.max(0.0).sqrt()).collect();
-            operator.scale_rows(&roots);
-            target.iter_mut().zip(&roots).for_each(|(t, root)| *t *= root);
+            kept.map(|(w, _)| w.max(0.0).sqrt()).collect()
+        });
+        if let Some(roots) = &roots {
+            target.iter_mut().zip(roots).for_each(|(t, root)| *t *= root);
         }
-        let hyper = Hyperparameters::with_model_error(target.len());
-        let inference = LightInference::new(&target, 0.0, target.len(), operator.m(), prior, hyper)?;
-        Ok(Self { design: inference.design(operator), target, inference })
+        let m = settings.side * settings.side;
+        let inference = LightInference::new(&target, m, prior, Hyperparameters::with_model_error(target.len()))?;
+        let design = Design::of_rows(target.len(), m, &rows, roots.as_deref());
+        Ok(Self { design, target, inference })
     }
 
     /// Builds the problem from observations, with their weights and visibility.
@@ -117,7 +118,7 @@ impl<'a> LightProblem<'a> {
     /// [`Self::FINER_STEPS`].
     ///
     /// # Errors
-    /// Those of [`LightInference::posterior`].
+    /// Those of `LightInference::posterior`.
     pub fn posterior(&self) -> Result<LightPosterior, LightError> {
         let all = self.design.matrix.ncols();
         let mut found: Option<LightPosterior> = None;
@@ -126,11 +127,11 @@ impl<'a> LightProblem<'a> {
             let max_steps = if found.is_none() { Self::STEPS } else { Self::FINER_STEPS };
             let settings = InferenceSettings { max_steps, tolerance: 0.1, ..Default::default() };
             if m == all {
-                return Ok(self.inference.posterior_of(&self.design, &settings, found.as_ref())?);
+                return Ok(self.inference.posterior(&self.design, &settings, found.as_ref())?);
             }
             // The coefficients of coarse scales come first.
             let coarse = LightInference { scales: self.inference.scales.first(m), ..self.inference.clone() };
-            found = Some(coarse.posterior_of(&self.design.first(m), &settings, found.as_ref())?);
+            found = Some(coarse.posterior(&self.design.first(m), &settings, found.as_ref())?);
             m *= 4;
         }
     }

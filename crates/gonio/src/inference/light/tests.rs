@@ -6,6 +6,7 @@ use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64;
 
+use super::factor::Design;
 use super::point::State;
 use super::*;
 use crate::lighting::{CoefficientPrior, RectifiedGaussian, ScaleMixture};
@@ -39,13 +40,11 @@ pub(super) fn inverse_and_log_det(mut a: Vec<Vec<f64>>) -> (Vec<Vec<f64>>, f64) 
     (inverse, log_det)
 }
 
-/// Small image and priors, without scaling and with dimensions outside the rows.
+/// Small image and priors, without scaling.
 pub(super) struct Toy {
     priors: Vec<CoefficientPrior>,
     pub(super) target: Vec<f64>,
-    pub(super) outside: f64,
-    pixels: f64,
-    pub(super) operator: LightOperator,
+    pub(super) design: Design,
     pub(super) entries: Vec<f64>,
 }
 
@@ -78,22 +77,13 @@ impl Toy {
             .chunks(m)
             .zip(random(rows, seed + 2))
             .map(|(b, e)| 1.5 * b.iter().zip(&l).map(|(b, l)| b * l).sum::<f64>() + noise * e);
-        Self {
-            target: target.collect(),
-            outside: 0.7 * noise * noise,
-            pixels: rows as f64 + 2.0,
-            operator: LightOperator::from_rows(rows, m, &entries),
-            entries,
-            priors,
-        }
+        Self { target: target.collect(), design: Design::of_rows(rows, m, &entries, None), entries, priors }
     }
 
     pub(super) fn inference(&self) -> LightInference<'_> {
         let priors: Vec<&CoefficientPrior> = self.priors.iter().collect();
         LightInference {
             target: self.target.clone(),
-            outside: self.outside,
-            pixels: self.pixels,
             scale: 1.0,
             scales: Scales::new(DC, &priors),
             hyper: Hyperparameters { exposure_rate: 0.2, noise_shape: 2.0, noise_rate: 0.01 },
@@ -101,11 +91,11 @@ impl Toy {
     }
 
     pub(super) fn posterior(&self, settings: &InferenceSettings) -> LightPosterior {
-        self.inference().posterior(&self.operator, settings).unwrap()
+        self.inference().posterior(&self.design, settings, None).unwrap()
     }
 
     /// Logarithm of the Gaussian density of an image, with light of given means and variances, by
-    /// dense algebra over all dimensions.
+    /// dense algebra.
     fn dense(&self, means: &[f64], variances: &[f64], g: f64, b: f64) -> f64 {
         let (rows, m) = (self.target.len(), means.len());
         let row = |i: usize| &self.entries[i * m..][..m];
@@ -119,8 +109,7 @@ impl Toy {
             .map(|(t, b)| t - g * b.iter().zip(means).map(|(b, l)| b * l).sum::<f64>())
             .collect();
         let square: f64 = (0..rows).map(|i| (0..rows).map(|j| y[i] * inverse[i][j] * y[j]).sum::<f64>()).sum();
-        let spare = self.pixels - rows as f64;
-        -0.5 * (self.pixels * TAU.ln() + log_det - spare * b.ln() + square + b * self.outside)
+        -0.5 * (rows as f64 * TAU.ln() + log_det + square)
     }
 
     /// `log p(t)` by a sum over a grid of all unknown light coefficients.
@@ -132,7 +121,7 @@ impl Toy {
         let log_prior: Vec<Vec<f64>> =
             self.priors.iter().map(|p| grid.iter().map(|x| p.log_density(*x)).collect()).collect();
         let log_joint = |at: &[usize]| {
-            let mut total = 0.5 * self.pixels * (b / TAU).ln() - 0.5 * b * self.outside;
+            let mut total = 0.5 * self.target.len() as f64 * (b / TAU).ln();
             for (t, row) in self.target.iter().zip(self.entries.chunks(m)) {
                 let y = row[0] * DC + at.iter().zip(&row[1..]).map(|(i, b)| b * grid[*i]).sum::<f64>();
                 total -= 0.5 * b * (t - g * y).powi(2);
@@ -307,11 +296,10 @@ fn exposure_and_noise_reach_their_optimum() {
     let inference = toy.inference();
     let got = toy.posterior(&InferenceSettings { tolerance: 1e-13, ..tight() });
     let (g, b) = (got.exposure, got.noise.powi(-2));
-    let design = inference.design(toy.operator.clone());
     let bound = |g: f64, b: f64| {
         let (log_g, log_b) = (g.ln(), b.ln());
         let start = State { log_g, log_b, ..got.state.clone() };
-        inference.maximise(&design, start, &known(g, b)).unwrap().bound
+        inference.maximise(&toy.design, start, &known(g, b)).unwrap().bound
     };
     let step = 1e-4_f64.exp();
     let by_g = (bound(g * step, b) - bound(g / step, b)) / 2e-4 + 1.0 - inference.hyper.exposure_rate * g;
@@ -320,10 +308,9 @@ fn exposure_and_noise_reach_their_optimum() {
     assert!(by_g.abs() < 2e-4 && by_b.abs() < 2e-4, "{by_g} {by_b}");
 }
 
-/// An orthogonal transform of the rows, and an additional row that no light reaches, have no
-/// effect.
+/// An orthogonal transform of the rows has no effect.
 #[test]
-fn bound_is_invariant_to_rotation_and_projection_of_rows() {
+fn bound_is_invariant_to_rotation_of_rows() {
     let mut toy = Toy::new(20, mixed(9), 0.1, 8);
     let one = toy.posterior(&tight());
     let m = 9;
@@ -335,13 +322,9 @@ fn bound_is_invariant_to_rotation_and_projection_of_rows() {
         x.iter().zip(&normal).map(|(x, n)| x - along * n).collect()
     };
     let columns: Vec<Vec<f64>> = (0..m).map(|j| reflect(&mut |i| toy.entries[i * m + j])).collect();
-    let target = reflect(&mut |i| toy.target[i]);
-    // A row that no light reaches takes part of the energy outside.
-    let dead = 0.5 * toy.outside.sqrt();
-    toy.outside -= dead * dead;
-    toy.target = target.into_iter().chain([dead]).collect();
-    toy.entries = (0..21).flat_map(|i| columns.iter().map(move |c| c.get(i).copied().unwrap_or(0.0))).collect();
-    toy.operator = LightOperator::from_rows(21, m, &toy.entries);
+    toy.target = reflect(&mut |i| toy.target[i]);
+    toy.entries = (0..20).flat_map(|i| columns.iter().map(move |c| c[i])).collect();
+    toy.design = Design::of_rows(20, m, &toy.entries, None);
     let two = toy.posterior(&tight());
     assert!((one.objective - two.objective).abs() < 1e-7, "{} {}", one.objective, two.objective);
     assert!((one.exposure / two.exposure - 1.0).abs() < 1e-5 && (one.noise / two.noise - 1.0).abs() < 1e-5);
@@ -351,14 +334,14 @@ fn bound_is_invariant_to_rotation_and_projection_of_rows() {
 #[test]
 fn scaling_the_image_scales_exposure_and_noise_alone() {
     let (rows, m) = (60, 16);
-    let (operator, prior) = (LightOperator::from_rows(rows, m, &random(rows * m, 3)), toy_prior(4));
+    let (design, prior) = (Design::of_rows(rows, m, &random(rows * m, 3), None), toy_prior(4));
     let light: Vec<f64> =
         prior.mean_and_variance(4).iter().map(|(mean, variance)| mean + 0.5 * variance.sqrt()).collect();
-    let image: Vec<f64> = operator.image(&light).iter().zip(random(rows, 4)).map(|(y, e)| y + 0.02 * e).collect();
+    let image: Vec<f64> = design.times(&light).iter().zip(random(rows, 4)).map(|(y, e)| y + 0.02 * e).collect();
     let evidence = |factor: f64| {
         let target: Vec<f64> = image.iter().map(|t| factor * t).collect();
-        let inference = LightInference::new(&target, 0.0, rows, m, &prior, Hyperparameters::default()).unwrap();
-        inference.posterior(&operator, &tight()).unwrap()
+        let inference = LightInference::new(&target, m, &prior, Hyperparameters::default()).unwrap();
+        inference.posterior(&design, &tight(), None).unwrap()
     };
     let (one, two) = (evidence(1.0), evidence(1024.0));
     assert!((two.exposure / one.exposure / 1024.0 - 1.0).abs() < 1e-9);
@@ -370,13 +353,13 @@ fn scaling_the_image_scales_exposure_and_noise_alone() {
 fn result_is_independent_of_threads() {
     // More rows and columns than one band.
     let (rows, m) = (160, 256);
-    let operator = LightOperator::from_rows(rows, m, &random(rows * m, 2));
+    let design = Design::of_rows(rows, m, &random(rows * m, 2), None);
     let mut rng = Pcg64::seed_from_u64(1);
     let light: Vec<f64> = (0..m).map(|_| 0.1 * Distribution::<f64>::sample(&StandardNormal, &mut rng)).collect();
-    let (target, prior) = (operator.image(&light), toy_prior(16));
-    let inference = LightInference::new(&target, 0.0, rows, m, &prior, Hyperparameters::default()).unwrap();
+    let (target, prior) = (design.times(&light), toy_prior(16));
+    let inference = LightInference::new(&target, m, &prior, Hyperparameters::default()).unwrap();
     let settings = InferenceSettings { max_steps: 5, ..Default::default() };
-    let run = || inference.posterior(&operator, &settings).unwrap();
+    let run = || inference.posterior(&design, &settings, None).unwrap();
     assert_eq!(on_threads(1, run), on_threads(3, run));
 }
 
@@ -386,23 +369,23 @@ fn a_known_light_has_the_evidence_of_its_residual() {
     let toy = Toy::new(12, Vec::new(), 0.2, 3);
     let (g, b) = (1.4, 20.0);
     let residual: f64 = toy.target.iter().zip(&toy.entries).map(|(t, x)| (t - g * x * DC).powi(2)).sum();
-    let want = 0.5 * (toy.pixels * (b / TAU).ln() - b * (residual + toy.outside));
+    let want = 0.5 * (12.0 * (b / TAU).ln() - b * residual);
     assert!((toy.posterior(&known(g, b)).bound - want).abs() < 1e-9 * want.abs());
     assert!(toy.posterior(&tight()).converged);
 }
 
 #[test]
-fn rejects_operators_that_are_not_finite() {
+fn rejects_designs_that_are_not_finite() {
     let toy = Toy::new(4, one_component(3), 0.1, 1);
     let mut entries = toy.entries.clone();
     entries[5] = f64::NAN;
-    let operator = LightOperator::from_rows(4, 3, &entries);
-    let got = toy.inference().posterior(&operator, &InferenceSettings::default());
+    let design = Design::of_rows(4, 3, &entries, None);
+    let got = toy.inference().posterior(&design, &InferenceSettings::default(), None);
     assert_eq!(got.unwrap_err(), LightInferenceError::NotFinite);
-    // A black operator explains nothing, but its evidence exists.
-    let black = LightOperator::from_rows(4, 3, &[0.0; 12]);
+    // A black design explains nothing, but its evidence exists.
+    let black = Design::of_rows(4, 3, &[0.0; 12], None);
     assert!(
-        toy.inference().posterior(&black, &InferenceSettings::default()).unwrap().objective
+        toy.inference().posterior(&black, &InferenceSettings::default(), None).unwrap().objective
             < toy.posterior(&tight()).objective
     );
 }

@@ -2,9 +2,11 @@
 
 use thiserror::Error;
 
+use super::circle::{MIN_BALL_RADIUS, MIN_SPAN};
 use super::{Circle, CircleCandidate, Contradiction, Extent, ObservationReport};
 use crate::shape::{CameraError, MeshError};
 use crate::suggestion::Suggestion;
+use crate::transfer::MIN_POINTS;
 
 /// Axis ratio below which an elliptic outline is not that of a ball in perspective.
 const MIN_BALL_AXIS_RATIO: f64 = 0.85;
@@ -23,22 +25,21 @@ pub enum SceneError {
     MaskEverywhere,
     /// The covered part is too small for a ball.
     #[error(
-        "the ball in the mask has a radius of only {radius:.1} pixels, but at least {min} are required; use a larger image, or \
-         check the mask"
+        "the ball in the mask has a radius of only {radius:.1} pixels, but at least {MIN_BALL_RADIUS} are required; \
+         use a larger image, or check the mask"
     )]
     TooSmall {
         /// Estimated radius, in pixels; without a fitted circle, that of a disc of the same area.
         radius: f64,
-        /// Smallest accepted radius, in pixels.
-        min: f64,
     },
     /// Too little of the outline lies within the picture.
-    #[error("only {degrees:.0} degrees of the ball's outline lie in the image, but at least {min:.0} are required")]
+    #[error(
+        "only {degrees:.0} degrees of the ball's outline lie in the image, but at least {:.0} are required",
+        MIN_SPAN.to_degrees()
+    )]
     ShortOutline {
         /// Angle that the visible part of the outline spans, in degrees.
         degrees: f64,
-        /// Smallest accepted angle, in degrees.
-        min: f64,
     },
     /// The outline is an ellipse, not a circle.
     #[error("the outline is an ellipse, not a circle (axis ratio 1 to {aspect:.3})")]
@@ -136,13 +137,11 @@ pub enum SceneError {
     /// The normals are (nearly) all the same.
     #[error(
         "the shape is too flat to separate light and reflectance: it has only {directions} different normals (1.6 \
-         degrees apart), but at least {min} are required; use a rounder object"
+         degrees apart), but at least {MIN_POINTS} are required; use a rounder object"
     )]
     TooFlat {
         /// Number of cells of the grid of directions that contain a normal.
         directions: usize,
-        /// Smallest accepted number.
-        min: usize,
     },
     /// Too many pixels have values that are not radiances (negative, NaN or infinite).
     #[error(
@@ -159,21 +158,19 @@ pub enum SceneError {
     },
     /// Too few pixels have a usable normal: the others are steep, at an edge or without a normal.
     #[error(
-        "only {used} of the {covered} pixels on the object have a usable normal, but at least {min} are required; check the normal map \
-         and the mask"
+        "only {used} of the {covered} pixels on the object have a usable normal, but at least {MIN_POINTS} are \
+         required; check the normal map and the mask"
     )]
     TooFewNormals {
         /// Pixels with a usable normal.
         used: usize,
         /// Pixels on the object.
         covered: usize,
-        /// Smallest accepted number.
-        min: usize,
     },
     /// Too few points have a value.
     #[error(
-        "only {used} points on the object are usable, but {min} are required; {clipped} are clipped and {outside} are \
-         uncovered or outside the image; use a shorter exposure, or check the mask and the circle"
+        "only {used} points on the object are usable, but {MIN_POINTS} are required; {clipped} are clipped and {outside} \
+         are uncovered or outside the image; use a shorter exposure, or check the mask and the circle"
     )]
     TooFewPoints {
         /// Points with a value.
@@ -182,8 +179,6 @@ pub enum SceneError {
         clipped: usize,
         /// Points that are not covered or not within the picture.
         outside: usize,
-        /// Smallest accepted number.
-        min: usize,
     },
     /// An observed point is not on the surface.
     #[error(

@@ -7,7 +7,7 @@
 //!
 //! [`Detection::of`] performs both steps for any [`ObjectShape`].
 //!
-//! [`Orientation`] checks the channels of a normal map and suggests a [`Correction`].
+//! `Orientation` checks the channels of a normal map and suggests a [`Correction`].
 //!
 //! Without a camera, the view is orthographic along -z: the direction to the camera is +z at every
 //! point.
@@ -64,7 +64,8 @@ pub use detection::{DetectedShape, Detection, NormalMap, ObjectShape, PositionMa
 pub use error::SceneError;
 pub use observations::{ObservationReport, ObservationSettings, Observations, sphere_points};
 pub(crate) use observed::{COVERED, check_size, clip_level, is_clipped};
-pub use orientation::{AxisFault, AxisFit, Contradiction, Orientation};
+pub use orientation::Contradiction;
+pub(crate) use orientation::Orientation;
 pub use outline::Ellipse;
 pub(crate) use outline::{find_ball, find_ellipse};
 pub use scene_warning::SceneWarning;

@@ -86,42 +86,15 @@ impl Observations {
         if let Some(coverage) = coverage {
             check_size("mask", coverage.size(), rgb.size())?;
         }
-        let covered = Plane::from_fn(rgb.width(), rgb.height(), |x, y| match coverage {
-            Some(coverage) => coverage[(x, y)] >= COVERED,
-            None => {
-                has_normal(normals[(x, y)])
-                    && neighbours((x, y), rgb.size(), true).all(|next| has_normal(normals[next]))
-            }
-        });
+        let covered = covered_pixels(normals, coverage);
         let (mut facing, mut report) = facing(surface, &covered)?;
         let least = settings.max_angle.cos();
         let within = |candidate: &&Candidate| candidate.cosine(surface) > least;
-        let steep = facing.iter().filter(within).count();
-        let (width, height) = rgb.size();
-        let coordinates = |i: usize| (i % width, i / width);
-        let mut edges = Vec::new();
-        facing.retain(|c| {
-            let (x, y) = coordinates(c.pixel as usize);
-            let edge = surface.is_edge(x, y);
-            if edge && c.cosine(surface) > least {
-                edges.push(c.pixel as usize);
-            }
-            !edge
-        });
-        let used = facing.iter().filter(within).count();
-        report.at_edges = steep - used;
-        if used < MIN_POINTS {
-            let covered = covered.as_slice().iter().filter(|c| **c).count();
-            return Err(SceneError::TooFewNormals { used, covered, min: MIN_POINTS });
-        }
-        let mut directions: Vec<usize> =
-            facing.iter().filter(within).map(|c| cell(c.in_view(surface), COUNTING_SIDE)).collect();
-        directions.sort_unstable();
-        directions.dedup();
-        if directions.len() < MIN_POINTS {
-            return Err(SceneError::TooFlat { directions: directions.len(), min: MIN_POINTS });
-        }
+        let edges = remove_edges(&mut facing, surface, least);
+        report.at_edges = edges.len();
+        check_directions(facing.iter().filter(within), surface, &covered)?;
 
+        let (width, height) = rgb.size();
         let mut region = Plane::from_fn(width, height, |_, _| false);
         for candidate in facing.iter().filter(within) {
             region.as_mut_slice()[candidate.pixel as usize] = true;
@@ -137,26 +110,13 @@ impl Observations {
             *inside = *inside && sound && *status != PixelStatus::OtherColour;
         }
         let rgb = &*without_outliers;
-        let dark: Vec<bool> = facing
-            .iter()
-            .map(|c| {
-                let at = coordinates(c.pixel as usize);
-                statuses[at] != PixelStatus::Outlier && is_speck(rgb, &region, at)
-            })
-            .collect();
-        report.dark_outliers = dark.iter().filter(|dark| **dark).count();
-        for (candidate, _) in facing.iter().zip(&dark).filter(|(_, dark)| **dark) {
-            let status = &mut statuses.as_mut_slice()[candidate.pixel as usize];
-            *status = if *status == PixelStatus::Outside { *status } else { PixelStatus::Speck };
-        }
+        report.dark_outliers = remove_specks(&mut facing, rgb, &region, &mut statuses);
         edges.into_iter().for_each(|pixel| statuses.as_mut_slice()[pixel] = PixelStatus::Edge);
         for (i, (status, covered)) in statuses.as_mut_slice().iter_mut().zip(covered.as_slice()).enumerate() {
             if *covered && *status == PixelStatus::Outside && !is_sound(surface, i) {
                 *status = PixelStatus::NoNormal;
             }
         }
-        let mut dark = dark.into_iter();
-        facing.retain(|_| !dark.next().unwrap_or(false));
         let dense = facing
             .iter()
             .filter(within)
@@ -169,26 +129,100 @@ impl Observations {
         // be sampled too densely.
         let taken = thin(&facing, surface, settings.normals);
         let taken: Vec<Candidate> = taken.iter().filter(within).copied().collect();
-        let observed = taken.iter().map(|c| match statuses.as_slice()[c.pixel as usize] {
-            PixelStatus::Clipped => ObservedColour::Clipped,
-            PixelStatus::OtherColour => ObservedColour::OtherColour,
-            PixelStatus::Outlier => {
-                repaired(rgb, &statuses, c.pixel as usize).map_or(ObservedColour::Faulty, ObservedColour::Colour)
-            }
-            status if status.is_faulty() => ObservedColour::Faulty,
-            _ => ObservedColour::Colour(rgb.as_slice()[c.pixel as usize]),
-        });
-        let centre = |i: usize| ((i % width) as f64 + 0.5, (i / width) as f64 + 0.5);
+        let pixels: Vec<usize> = taken.iter().map(|c| c.pixel as usize).collect();
+        let centre = |i: &usize| ((i % width) as f64 + 0.5, (i / width) as f64 + 0.5);
         let mut observations = Self::assemble(
             taken.iter().map(|c| c.point(surface)).collect(),
-            taken.iter().map(|c| centre(c.pixel as usize)).collect(),
-            observed.collect(),
+            pixels.iter().map(centre).collect(),
+            pixels.iter().map(|pixel| observed_colour(rgb, &statuses, *pixel)).collect(),
             PixelClassification { statuses, report, albedo_map, converted: None },
         )?;
-        let pixels: Vec<usize> = taken.iter().map(|c| c.pixel as usize).collect();
         observations.weights = weights(rgb, normals, &region, &pixels);
         observations.dense = dense;
         Ok(observations)
+    }
+}
+
+/// Returns the pixels with a coverage of at least [`COVERED`].
+///
+/// Without a coverage, returns the pixels with a normal whose neighbours all have one.
+fn covered_pixels(normals: &Plane<Vec3>, coverage: Option<&Plane<f32>>) -> Plane<bool> {
+    let (width, height) = normals.size();
+    Plane::from_fn(width, height, |x, y| match coverage {
+        Some(coverage) => coverage[(x, y)] >= COVERED,
+        None => {
+            has_normal(normals[(x, y)])
+                && neighbours((x, y), (width, height), true).all(|next| has_normal(normals[next]))
+        }
+    })
+}
+
+/// Removes the candidates at edges of the surface, and returns the pixels of those whose cosine
+/// exceeds `least`.
+fn remove_edges(candidates: &mut Vec<Candidate>, surface: &SurfaceView<'_>, least: f64) -> Vec<usize> {
+    let width = surface.normals.width();
+    let mut edges = Vec::new();
+    candidates.retain(|candidate| {
+        let pixel = candidate.pixel as usize;
+        let is_edge = surface.is_edge(pixel % width, pixel / width);
+        if is_edge && candidate.cosine(surface) > least {
+            edges.push(pixel);
+        }
+        !is_edge
+    });
+    edges
+}
+
+/// Checks that there are enough candidates, with enough different directions.
+fn check_directions<'a>(
+    candidates: impl Iterator<Item = &'a Candidate>,
+    surface: &SurfaceView<'_>,
+    covered: &Plane<bool>,
+) -> Result<(), SceneError> {
+    let mut directions: Vec<usize> = candidates.map(|c| cell(c.in_view(surface), COUNTING_SIDE)).collect();
+    let used = directions.len();
+    if used < MIN_POINTS {
+        let covered = covered.as_slice().iter().filter(|c| **c).count();
+        return Err(SceneError::TooFewNormals { used, covered });
+    }
+    directions.sort_unstable();
+    directions.dedup();
+    if directions.len() < MIN_POINTS {
+        return Err(SceneError::TooFlat { directions: directions.len() });
+    }
+    Ok(())
+}
+
+/// Removes the candidates that are specks, and marks those within the largest angle.
+///
+/// Returns the number of specks.
+fn remove_specks(
+    candidates: &mut Vec<Candidate>,
+    rgb: &Plane<Vec3>,
+    region: &Plane<bool>,
+    statuses: &mut Plane<PixelStatus>,
+) -> usize {
+    let (count, width) = (candidates.len(), rgb.width());
+    candidates.retain(|candidate| {
+        let pixel = candidate.pixel as usize;
+        let at = (pixel % width, pixel / width);
+        let speck = statuses[at] != PixelStatus::Outlier && is_speck(rgb, region, at);
+        if speck && statuses[at] != PixelStatus::Outside {
+            statuses[at] = PixelStatus::Speck;
+        }
+        !speck
+    });
+    count - candidates.len()
+}
+
+/// Returns the colour that is observed at a pixel (row-major index).
+fn observed_colour(rgb: &Plane<Vec3>, statuses: &Plane<PixelStatus>, pixel: usize) -> ObservedColour {
+    match statuses.as_slice()[pixel] {
+        PixelStatus::Clipped => ObservedColour::Clipped,
+        PixelStatus::OtherColour => ObservedColour::OtherColour,
+        PixelStatus::Outlier => repaired(rgb, statuses, pixel).map_or(ObservedColour::Faulty, ObservedColour::Colour),
+        status if status.is_faulty() => ObservedColour::Faulty,
+        _ => ObservedColour::Colour(rgb.as_slice()[pixel]),
     }
 }
 

@@ -347,7 +347,7 @@ impl Observations {
             return Err(SceneError::bad_pixels(&report));
         }
         if used < MIN_POINTS {
-            return Err(SceneError::TooFewPoints { used, clipped, outside, min: MIN_POINTS });
+            return Err(SceneError::TooFewPoints { used, clipped, outside });
         }
         // Luminance of the unmodified colours, including negative channels.
         let values: Vec<Option<f64>> = observed.iter().map(|s| colour(s).map(|c| f64::from(luminance(c)))).collect();

@@ -51,8 +51,7 @@ impl Ellipse {
         let along = DVec3::from((DVec2::from_angle(self.angle), 0.0));
         let axes = DMat3::from_cols(long * along, short * DVec3::Z.cross(along), depth * DVec3::Z);
         let centre = DVec3::new(self.centre.0, -self.centre.1, -2.0 * depth);
-        Ellipsoid::new(centre, axes)
-            .map_err(|_| SceneError::TooSmall { radius: short.min(depth), min: MIN_BALL_RADIUS })
+        Ellipsoid::new(centre, axes).map_err(|_| SceneError::TooSmall { radius: short.min(depth) })
     }
 }
 
@@ -102,7 +101,7 @@ pub(crate) fn find_ellipse(coverage: &Plane<f32>) -> Result<Ellipse, SceneError>
         return Err(none(residual));
     }
     if short < MIN_BALL_RADIUS {
-        return Err(SceneError::TooSmall { radius: short, min: MIN_BALL_RADIUS });
+        return Err(SceneError::TooSmall { radius: short });
     }
     let centre = middle + unit * centre;
     Ok(Ellipse { centre: (centre.x, centre.y), axes: (long, short), angle: -flat })
@@ -158,7 +157,7 @@ pub(crate) fn find_ball(coverage: &Plane<f32>, camera: &Camera) -> Result<Ellips
         return Err(none(residual / pixel));
     }
     if radius.asin() < MIN_BALL_RADIUS * pixel {
-        return Err(SceneError::TooSmall { radius: radius.asin() / pixel, min: MIN_BALL_RADIUS });
+        return Err(SceneError::TooSmall { radius: radius.asin() / pixel });
     }
     let centre = (b[0] * u + b[1] * v + b[2] * axis) / length;
     Ellipsoid::sphere(centre, radius).map_err(|_| none(0.0))

@@ -146,42 +146,17 @@ impl PhotographEffects {
     /// Simulates the photograph of a scene; `other` is the scene of another material in the same
     /// light.
     pub fn photograph(&self, scene: &Scene, other: &Scene, rng: &mut impl Rng) -> DiskImage {
-        let Scene { values: mut image, mut details } = scene.clone();
-        if self.other_material > 0.0 {
-            let patches = field(6, rng);
-            let edge = quantile(&patches, 1.0 - self.other_material);
-            for cell in (0..DISK_SIDE * DISK_SIDE).filter(|&c| patches[c] > edge) {
-                (image[cell], details[cell]) = (other.values[cell], other.details[cell]);
-            }
-        }
-        if self.painted > 0.0 {
-            let regions = field(8, rng);
-            let edge = quantile(&regions, 1.0 - self.painted);
-            let albedo = (PAINT * gauss(rng)).exp();
-            for cell in (0..DISK_SIDE * DISK_SIDE).filter(|&c| regions[c] > edge) {
-                image[cell] *= albedo;
-                details[cell] *= albedo;
-            }
-        }
+        let mut scene = scene.clone();
+        self.cover(&mut scene, other, rng);
         if self.wrong_normals > 0.0 || self.outline > 0.0 {
             let places = self.displaced(rng);
-            (image, details) = (shifted(&image, &places), shifted(&details, &places));
+            scene = Scene { values: shifted(&scene.values, &places), details: shifted(&scene.details, &places) };
         }
+        let Scene { values: mut image, mut details } = scene;
         // Normals that vary within a cell make its pixels differ by the slope of the image.
         let slope = if self.rough_normals > 0.0 { slopes(&image) } else { Vec::new() };
         let rough = self.rough_normals * 0.5 * DISK_SIDE as f32;
-        let width = self.blur.hypot(rough);
-        if width > 0.15 {
-            image = blurred(&image, width);
-        }
-        // Details have wavelengths of about 1.7 cells; the Fourier transform of the blur damps
-        // them.
-        let kept_detail = (-7.0 * width * width).exp() * (1.0 - self.glare);
-        details.iter_mut().for_each(|d| *d *= kept_detail);
-        let mean = disk::mean(&image);
-        if self.glare > 0.0 {
-            image.iter_mut().for_each(|v| *v = (1.0 - self.glare) * *v + self.glare * mean);
-        }
+        let mean = self.blur_and_glare(&mut image, &mut details, rough);
         let figure = self.figure.then(|| MultiPartObject::draw(self, rng));
         let among = match &figure {
             Some(figure) => figure.show(&mut image, &mut details, mean),
@@ -194,21 +169,78 @@ impl PhotographEffects {
         let (counts, fine) = self.counts(figure.as_ref(), rng);
         let top = image.iter().copied().fold(0.0, f32::max).min(clip);
         let step = if self.levels > 0.0 { top / self.levels } else { 0.0 };
+        let image = OpticalImage { values: image, details, slope, among, mean, rough, step };
+        let (values, kept, found) = self.expose(&image, &counts, clip, rng);
+        let reported_noise = if fine { self.estimated_scatter(&image, rng) } else { scatter_of_cells(&values, &kept) };
+        DiskImage::of_cells(values, kept, found, reported_noise)
+    }
+
+    /// Covers parts of a scene with another material and with paint.
+    fn cover(&self, scene: &mut Scene, other: &Scene, rng: &mut impl Rng) {
+        if self.other_material > 0.0 {
+            let patches = field(6, rng);
+            let edge = quantile(&patches, 1.0 - self.other_material);
+            for cell in (0..DISK_SIDE * DISK_SIDE).filter(|&c| patches[c] > edge) {
+                (scene.values[cell], scene.details[cell]) = (other.values[cell], other.details[cell]);
+            }
+        }
+        if self.painted > 0.0 {
+            let regions = field(8, rng);
+            let edge = quantile(&regions, 1.0 - self.painted);
+            let albedo = (PAINT * gauss(rng)).exp();
+            for cell in (0..DISK_SIDE * DISK_SIDE).filter(|&c| regions[c] > edge) {
+                scene.values[cell] *= albedo;
+                scene.details[cell] *= albedo;
+            }
+        }
+    }
+
+    /// Applies the blur of the lens and of normals that vary over `rough` cells, and the glare.
+    ///
+    /// Returns the mean of the image.
+    fn blur_and_glare(&self, image: &mut Vec<f32>, details: &mut [f32], rough: f32) -> f32 {
+        let width = self.blur.hypot(rough);
+        if width > 0.15 {
+            *image = blurred(image, width);
+        }
+        // Details have wavelengths of about 1.7 cells; the Fourier transform of the blur damps
+        // them.
+        let kept_detail = (-7.0 * width * width).exp() * (1.0 - self.glare);
+        details.iter_mut().for_each(|d| *d *= kept_detail);
+        let mean = disk::mean(image);
+        if self.glare > 0.0 {
+            image.iter_mut().for_each(|v| *v = (1.0 - self.glare) * *v + self.glare * mean);
+        }
+        mean
+    }
+
+    /// Returns the noisy values of the cells, their numbers of pixels, and their details if each
+    /// quarter of the cell contains a pixel.
+    ///
+    /// Cells without pixels and cells above `clip` have no pixels in the result.
+    fn expose(
+        &self,
+        image: &OpticalImage,
+        counts: &[f32],
+        clip: f32,
+        rng: &mut impl Rng,
+    ) -> (Vec<f32>, Vec<f32>, Vec<Option<f32>>) {
+        let (mean, step) = (image.mean, image.step);
         let mut values = vec![0.0; DISK_SIDE * DISK_SIDE];
         let mut kept = vec![0.0; DISK_SIDE * DISK_SIDE];
         let mut found = vec![None; DISK_SIDE * DISK_SIDE];
         for cell in (0..DISK_SIDE * DISK_SIDE).filter(|&c| on_disk(c) && counts[c] > 0.0) {
-            let (value, count) = (image[cell], counts[cell]);
+            let (value, count) = (image.values[cell], counts[cell]);
             if value > clip {
                 continue;
             }
-            let tilt = slope.get(cell).map_or(0.0, |s| s * rough);
+            let tilt = image.tilt(cell);
             let variance = (self.speckle * value).powi(2)
                 + self.shot.powi(2) * mean * value
                 + (self.read * mean).powi(2)
                 + tilt * tilt
                 + step * step / 12.0
-                + among.get(cell).copied().unwrap_or(0.0);
+                + image.variance_among(cell);
             let error = (variance / count).sqrt();
             let mut noisy = value + gauss(rng) * error;
             // With this probability, one of the pixels of the cell is defective.
@@ -223,16 +255,11 @@ impl PhotographEffects {
             // The four quarters, each with a fourth of the pixels, have three independent
             // differences. Each difference has the same standard error as the mean of the cell.
             if self.quarters_seen(count, rng) {
-                let [a, b, c] = [details[cell], 0.0, 0.0].map(|d| d + gauss(rng) * error);
+                let [a, b, c] = [image.details[cell], 0.0, 0.0].map(|d| d + gauss(rng) * error);
                 found[cell] = Some((a * a + b * b + c * c).sqrt());
             }
         }
-        let reported_noise = if fine {
-            self.estimated_scatter([&image, &details, &slope, &among], (mean, rough, step), rng)
-        } else {
-            scatter_of_cells(&values, &kept)
-        };
-        DiskImage::of_cells(values, kept, found, reported_noise)
+        (values, kept, found)
     }
 
     /// Draws whether each quarter of a cell contains a pixel. The pixels are spread evenly or, if
@@ -319,28 +346,49 @@ impl PhotographEffects {
     }
 
     /// Simulates the estimate of the scatter from pixels that share a normal, with its error.
-    fn estimated_scatter(
-        &self,
-        [image, details, slope, among]: [&[f32]; 4],
-        (mean, rough, step): (f32, f32, f32),
-        rng: &mut impl Rng,
-    ) -> f32 {
+    fn estimated_scatter(&self, image: &OpticalImage, rng: &mut impl Rng) -> f32 {
+        let (mean, step) = (image.mean, image.step);
         let relative: Vec<f32> = (0..DISK_SIDE * DISK_SIDE)
-            .filter(|&c| on_disk(c) && image[c] > 0.0)
+            .filter(|&c| on_disk(c) && image.values[c] > 0.0)
             .step_by(7)
             .map(|c| {
-                let value = image[c];
-                let tilt = slope.get(c).map_or(0.0, |s| s * rough);
+                let (value, detail, tilt) = (image.values[c], image.details[c], image.tilt(c));
                 let rest =
                     self.shot.powi(2) * mean * value + (self.read * mean).powi(2) + tilt * tilt + step * step / 12.0;
-                let among = among.get(c).copied().unwrap_or(0.0);
                 // Sharp reflections vary within a cell too.
-                (rest + among + details[c] * details[c]) / (value * value)
+                (rest + image.variance_among(c) + detail * detail) / (value * value)
             })
             .collect();
         let rest = median(relative).unwrap_or(0.0);
         let reported_noise = (self.speckle.powi(2) + rest).sqrt() * (0.15 * gauss(rng)).exp();
         reported_noise.max(0.001)
+    }
+}
+
+/// Image on the disk of normals before the noise of its pixels.
+struct OpticalImage {
+    values: Vec<f32>,
+    details: Vec<f32>,
+    /// Slope of the values at each cell; empty if the normals are exact.
+    slope: Vec<f32>,
+    /// Variance among the places that each cell shows; empty for a single place.
+    among: Vec<f32>,
+    /// Mean of the values before the figure or stains.
+    mean: f32,
+    /// Error of the normals from pixel to pixel, in cells.
+    rough: f32,
+    /// Difference between neighbouring levels of the file; zero for floats.
+    step: f32,
+}
+
+impl OpticalImage {
+    /// Returns the standard deviation of the pixels of a cell due to errors of their normals.
+    fn tilt(&self, cell: usize) -> f32 {
+        self.slope.get(cell).map_or(0.0, |s| s * self.rough)
+    }
+
+    fn variance_among(&self, cell: usize) -> f32 {
+        self.among.get(cell).copied().unwrap_or(0.0)
     }
 }
 

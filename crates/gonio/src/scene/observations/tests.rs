@@ -179,7 +179,7 @@ fn rejects_pictures_with_too_few_valid_pixels() {
 fn rejects_pictures_without_observations() {
     assert_eq!(observe(&ball(|_| Vec3::ZERO)).unwrap_err(), SceneError::Black);
     let error = observe(&ball(|_| Vec3::ONE)).unwrap_err();
-    assert_eq!(error, SceneError::TooFewPoints { used: 0, clipped: 9916, outside: 0, min: 50 });
+    assert_eq!(error, SceneError::TooFewPoints { used: 0, clipped: 9916, outside: 0 });
     let settings = ObservationSettings::default();
     let observe = |circle, coverage| Observations::of_sphere(&tilted(), &circle, coverage, &settings).unwrap_err();
     let away = observe(Circle { x: 900.0, ..CIRCLE }, None);

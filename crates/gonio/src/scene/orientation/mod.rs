@@ -16,7 +16,6 @@ mod tests;
 mod thresholds;
 
 use glam::Vec3;
-use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use self::evidence::Evidence;
@@ -27,8 +26,8 @@ use crate::picture::Plane;
 use crate::suggestion::Suggestion;
 
 /// Fit of an order of channels to a surface.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct AxisFit {
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct AxisFit {
     /// Share of normals that face away from the camera, 0 to 1.
     pub back_facing: f64,
     /// Relative sum of the slopes around closed paths, 0 (a surface) to 1; `None` without evidence:
@@ -51,8 +50,8 @@ impl AxisFit {
 }
 
 /// Evidence that an order is wrong.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum AxisFault {
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum AxisFault {
     /// Many normals face away from the camera.
     Away,
     /// The slopes do not integrate to a surface.
@@ -62,8 +61,8 @@ pub enum AxisFault {
 }
 
 /// Verdict on the order of the channels of a normal map.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Orientation {
+#[derive(Clone, Debug)]
+pub(crate) struct Orientation {
     /// Fit of the given order.
     pub given: AxisFit,
     /// Evidence that the given order is wrong, whether or not a correction fits.
@@ -72,8 +71,6 @@ pub struct Orientation {
     /// empty. There are several if they cannot be distinguished, such as x or y flipped on a relief
     /// without a rim.
     pub corrections: Vec<Correction>,
-    /// Improvement of the fit by the first correction, 0 to 1; zero without a correction.
-    pub confidence: f64,
 }
 
 impl Orientation {
@@ -87,7 +84,7 @@ impl Orientation {
     ///
     /// # Errors
     /// [`SceneError::Sizes`]; [`SceneError::NoNormals`].
-    pub fn of(normals: &Plane<Vec3>, coverage: Option<&Plane<f32>>) -> Result<Self, SceneError> {
+    pub(crate) fn of(normals: &Plane<Vec3>, coverage: Option<&Plane<f32>>) -> Result<Self, SceneError> {
         if let Some(coverage) = coverage {
             check_size("mask", coverage.size(), normals.size())?;
         }
@@ -98,8 +95,7 @@ impl Orientation {
         let evidence = Evidence::of(&surface).ok_or(SceneError::NoNormals)?;
         let given = evidence.fit(Correction::default());
         let fault = fault(&given);
-        let nothing = Self { given, fault, corrections: Vec::new(), confidence: 0.0 };
-        let Some(contradicting) = fault else { return Ok(nothing) };
+        let Some(contradicting) = fault else { return Ok(Self { given, fault, corrections: Vec::new() }) };
         let all = Correction::all().into_iter().map(|c| (c, evidence.fit(c)));
         let mut fitting: Vec<(Correction, AxisFit)> =
             all.filter(|(_, fit)| mends(contradicting, &given, fit)).collect();
@@ -110,11 +106,7 @@ impl Orientation {
         if let Some(best) = outwards.and_then(|r| r.into_iter().reduce(f64::max)) {
             fitting.retain(|f| f.1.outwards().is_some_and(|r| r > best - ROUNDER));
         }
-        let Some((_, first)) = fitting.first() else { return Ok(nothing) };
-        let straighter = first.rim.zip(given.rim).map_or(0.0, |(a, b)| a.1 - b.1);
-        let grounds = [given.back_facing - first.back_facing, first.gain_over(&given).unwrap_or(0.0), straighter];
-        let confidence = grounds.into_iter().fold(0.0, f64::max).min(1.0);
-        Ok(Self { given, fault, corrections: fitting.iter().map(|f| f.0).collect(), confidence })
+        Ok(Self { given, fault, corrections: fitting.iter().map(|f| f.0).collect() })
     }
 
     /// Returns what contradicts the given order; `None` if the order is or may be correct.

@@ -80,7 +80,6 @@ fn detects_any_wrong_order_on_a_round_object() {
             let got = of(&given);
             assert_eq!(got.corrections.len(), 1, "{name} {wrong:?}: {got:?}");
             assert_eq!(got.corrections[0].apply_to(&given), right, "{name} {wrong:?}: {got:?}");
-            assert!(got.confidence > 0.2, "{name} {wrong:?}: {got:?}");
         }
     }
 }

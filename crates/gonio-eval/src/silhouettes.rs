@@ -12,7 +12,7 @@ use std::sync::Arc;
 
 use anyhow::{Context, Result, bail};
 use glam::{DMat4, DVec3, Vec3};
-use gonio::estimate::{Estimate, EstimateSettings, NORMAL_REFINEMENT_MISFIT, estimate};
+use gonio::estimate::{Estimate, EstimateSettings, NORMAL_REFINEMENT_MISFIT, estimate, without_misleading_spots};
 use gonio::model::Model;
 use gonio::picture::{Picture, Plane};
 use gonio::reflectance::BivariateTable;
@@ -184,10 +184,13 @@ fn photograph(rendered: Picture, seed: &str) -> Picture {
     Picture { rgb, alpha }
 }
 
-/// Estimates as the program does: if the photograph contradicts inaccurate normals, refines them,
-/// and keeps the estimate with the smaller misfit and its detection.
+/// Estimates as the program does: without misleading spots, and with refined normals if the
+/// photograph contradicts inaccurate ones and the misfit becomes smaller. Updates the detection.
 pub(crate) fn estimate_detected(model: &Model, picture: &Picture, detection: &mut Detection) -> Result<Estimate> {
     let settings = EstimateSettings::default();
+    if let Some(cleaned) = without_misleading_spots(model, detection, picture, settings.side)? {
+        *detection = cleaned;
+    }
     let found = estimate(model, &detection.observations, &settings, &|_| ())?;
     if found.light.misfit > NORMAL_REFINEMENT_MISFIT
         && let Some(refined) = detection.refined(picture)

@@ -6,7 +6,7 @@ use glam::{DVec3, Vec3, Vec3A};
 use gonio::lighting::EnvironmentMap;
 use gonio::picture::{Picture, Plane, luminance};
 use gonio::reflectance::BivariateTable;
-use gonio::render::{Brdf, HalfVectorSampler, LightTree, PrefilteredLight, SamplerSettings};
+use gonio::render::{Brdf, HalfVectorSampler, LightTree, PrefilteredLight};
 use gonio::shape::{SurfacePoint, Visibility};
 use rayon::prelude::*;
 
@@ -120,7 +120,7 @@ impl<'a> Lit<'a> {
         let (glosses, rest): (Vec<NarrowLobe>, Vec<[BivariateTable; 3]>) =
             materials.iter().map(|tables| split(tables, RADIUS.recip() as f32)).unzip();
         let brdfs: Vec<&dyn Brdf> = rest.iter().map(|tables| tables as &dyn Brdf).collect();
-        let lobe = HalfVectorSampler::new(&brdfs, &stage.smooth, SamplerSettings::FINE);
+        let lobe = HalfVectorSampler::new(&brdfs, &stage.smooth);
         let point = |at: usize| {
             let place = |i: usize| f64::from((i as f32 - 0.5 * (DOME - 1) as f32) * DOME_STEP);
             let (x, y) = (place(at % DOME), -place(at / DOME));

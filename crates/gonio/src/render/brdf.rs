@@ -9,8 +9,11 @@ pub trait Brdf: Sync {
     /// Returns the RGB value at half/difference angles in radians.
     fn eval(&self, theta_h: f64, theta_d: f64, phi_d: f64) -> DVec3;
 
-    /// Returns whether [`Self::eval`] depends on `phi_d`.
-    fn depends_on_phi(&self) -> bool;
+    /// Returns whether [`Self::eval`] depends on `phi_d`. The default is false: BRDFs over three
+    /// angles must override it.
+    fn depends_on_phi(&self) -> bool {
+        false
+    }
 
     /// Returns the largest channel, averaged over `phi_d`. Renderers use it to locate lobes.
     fn envelope(&self) -> BivariateTable;
@@ -33,10 +36,6 @@ impl Brdf for Tinted {
         self.colour * self.table.eval(theta_h, theta_d)
     }
 
-    fn depends_on_phi(&self) -> bool {
-        false
-    }
-
     fn envelope(&self) -> BivariateTable {
         self.table.scaled(self.colour.max_element())
     }
@@ -51,10 +50,6 @@ impl Brdf for [BivariateTable; 3] {
     fn eval(&self, theta_h: f64, theta_d: f64, _: f64) -> DVec3 {
         let (h, d) = (axis_h(theta_h), axis_d(theta_d));
         DVec3::from_array(self.each_ref().map(|table| table.between(h, d)))
-    }
-
-    fn depends_on_phi(&self) -> bool {
-        false
     }
 
     fn envelope(&self) -> BivariateTable {
@@ -75,10 +70,6 @@ fn strongest(rgb: &[BivariateTable; 3]) -> BivariateTable {
 impl Brdf for BivariateTable {
     fn eval(&self, theta_h: f64, theta_d: f64, _: f64) -> DVec3 {
         DVec3::splat(BivariateTable::eval(self, theta_h, theta_d))
-    }
-
-    fn depends_on_phi(&self) -> bool {
-        false
     }
 
     fn envelope(&self) -> BivariateTable {

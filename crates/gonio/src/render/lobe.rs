@@ -18,24 +18,12 @@ use crate::parallel;
 use crate::reflectance::{BivariateTable, CELLS, THETA_D, THETA_H, angles_of};
 use crate::shape::SurfacePoint;
 
-/// Number of half vectors of a [`HalfVectorSampler`].
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct SamplerSettings {
-    /// Number of rings.
-    pub rings: usize,
-    /// Largest number of half vectors in a ring.
-    pub spokes: usize,
-}
+/// Number of rings. With [`MAX_RING_NODES`], radiance has errors of half a percent.
+const RINGS: usize = 54;
 
-impl SamplerSettings {
-    /// Fast setting for previews, with errors of one or two percent.
-    pub const DRAFT: Self = Self { rings: 32, spokes: 24 };
-    /// Accurate setting for final pictures, with errors of half a percent.
-    pub const FINE: Self = Self { rings: 54, spokes: 36 };
-}
-
-/// Smallest number of half vectors in a ring.
+/// Smallest and largest number of half vectors in a ring.
 const MIN_RING_NODES: f64 = 6.0;
+const MAX_RING_NODES: f64 = 36.0;
 
 /// Typical cosine of the difference angle, used to choose footprints.
 const TYPICAL_COS_DIFFERENCE: f64 = 0.8;
@@ -120,7 +108,7 @@ impl HalfVectorSampler {
     ///
     /// # Panics
     /// If there is no material, or if there are several and one of them depends on `phi_d`.
-    pub fn new(materials: &[&dyn Brdf], light: &PrefilteredLight, settings: SamplerSettings) -> Self {
+    pub fn new(materials: &[&dyn Brdf], light: &PrefilteredLight) -> Self {
         assert!(!materials.is_empty(), "no material");
         let tables: Vec<Option<[BivariateTable; 3]>> = materials.iter().map(|m| m.tables()).collect();
         let azimuthal = tables.iter().any(Option::is_none);
@@ -129,7 +117,7 @@ impl HalfVectorSampler {
         let envelopes: Vec<BivariateTable> = materials.iter().map(|m| m.envelope()).collect();
         let envelope = super::linear::envelope(&envelopes);
         let near = near(&envelope, (4.0 * std::f64::consts::PI).sqrt() / side as f64);
-        let edges = edges(&envelope, settings.rings);
+        let edges = edges(&envelope);
         let at_cell =
             |table: &[BivariateTable; 3], cell: usize| Vec3A::from(table.each_ref().map(|t| t.as_slice()[cell]));
         let full = if azimuthal {
@@ -145,19 +133,19 @@ impl HalfVectorSampler {
         let mut sampler = Self {
             materials: materials.len(),
             azimuths: if azimuthal { AZIMUTHS } else { 1 },
-            rings: Vec::with_capacity(settings.rings),
+            rings: Vec::with_capacity(RINGS),
             halves: Vec::new(),
             means: Vec::new(),
             full,
             near,
             side,
         };
-        edges.windows(2).enumerate().for_each(|(i, edge)| sampler.add_ring(i, (edge[0], edge[1]), settings.spokes));
+        edges.windows(2).enumerate().for_each(|(i, edge)| sampler.add_ring(i, (edge[0], edge[1])));
         sampler
     }
 
     /// Adds the ring between two square roots of half angles, in units of a right angle.
-    fn add_ring(&mut self, index: usize, (low, high): (f64, f64), most: usize) {
+    fn add_ring(&mut self, index: usize, (low, high): (f64, f64)) {
         let angle = |root: f64| root * root * FRAC_PI_2;
         // Midpoints in the root of the half angle, in which tables are linear, weighted by solid
         // angle.
@@ -168,7 +156,7 @@ impl HalfVectorSampler {
         let total: f64 = steps.iter().map(|s| s.1).sum();
         let theta_h = steps.iter().map(|(root, w)| angle(*root) * w).sum::<f64>() / total;
         let wanted = TAU * theta_h.sin() / (angle(high) - angle(low));
-        let spokes = wanted.clamp(MIN_RING_NODES, MIN_RING_NODES.max(most as f64)).round() as usize;
+        let spokes = wanted.clamp(MIN_RING_NODES, MAX_RING_NODES).round() as usize;
         let solid_angle = TAU * total / spokes as f64;
         let points = ramp(theta_h.to_degrees() as f32, self.near);
         let first = self.halves.len();
@@ -380,7 +368,7 @@ fn near(envelope: &BivariateTable, texel: f64) -> (f32, f32) {
 /// Returns the edges of the rings, from zero to one.
 ///
 /// Edges are square roots of half angles in units of a right angle.
-fn edges(envelope: &BivariateTable, rings: usize) -> Vec<f64> {
+fn edges(envelope: &BivariateTable) -> Vec<f64> {
     let density = |i: usize| {
         let root = (i as f64 + 0.5) / INTERVALS as f64;
         let theta = root * root * FRAC_PI_2;
@@ -391,8 +379,8 @@ fn edges(envelope: &BivariateTable, rings: usize) -> Vec<f64> {
     let mut edges = vec![0.0];
     let (mut sum, mut next) = (0.0, 1.0);
     for (i, e) in energy.iter().enumerate() {
-        let share = 0.5 * (e / total + 1.0 / INTERVALS as f64) * rings as f64;
-        while next <= sum + share && edges.len() < rings {
+        let share = 0.5 * (e / total + 1.0 / INTERVALS as f64) * RINGS as f64;
+        while next <= sum + share && edges.len() < RINGS {
             edges.push((i as f64 + (next - sum) / share) / INTERVALS as f64);
             next += 1.0;
         }

@@ -16,7 +16,7 @@ mod tree;
 pub use brdf::{Brdf, Tinted};
 pub use integrate::{IntegratorSettings, Node, Nodes, nodes, radiance};
 pub use linear::Relighter;
-pub use lobe::{HalfVectorSampler, LightSample, SamplerSettings};
+pub use lobe::{HalfVectorSampler, LightSample};
 pub use prefiltered::PrefilteredLight;
 pub use sphere::{SphereSettings, images_of_basis, render_sphere, render_spheres};
 pub use surface::{SurfaceSettings, render_surface, render_surfaces};
@@ -24,16 +24,11 @@ pub use tone::{Exposure, median_colour};
 pub use tree::LightTree;
 
 /// Method by which the radiance of a pixel is computed.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Accuracy {
     /// Fixed set of half vectors: fast, and free of noise.
-    Lobes(SamplerSettings),
+    #[default]
+    Lobes,
     /// Subdivision of the light until the error bound is small enough.
     Bound(IntegratorSettings),
-}
-
-impl Default for Accuracy {
-    fn default() -> Self {
-        Self::Lobes(SamplerSettings::FINE)
-    }
 }

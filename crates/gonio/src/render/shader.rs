@@ -23,9 +23,9 @@ impl<'a> Shader<'a> {
     /// If there is no material, or if there are several and one of them depends on `phi_d`.
     pub(super) fn new(brdfs: &[&'a dyn Brdf], light: &'a LightTree, accuracy: Accuracy) -> Self {
         match accuracy {
-            Accuracy::Lobes(settings) => {
+            Accuracy::Lobes => {
                 let light = Box::new(PrefilteredLight::of(light));
-                let sampler = Box::new(HalfVectorSampler::new(brdfs, &light, settings));
+                let sampler = Box::new(HalfVectorSampler::new(brdfs, &light));
                 Self::Lobes { sampler, light, count: brdfs.len() }
             }
             Accuracy::Bound(settings) => {

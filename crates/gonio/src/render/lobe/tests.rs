@@ -6,9 +6,9 @@ use crate::reflectance::MerlTable;
 use crate::testing::{ball, environment_map};
 
 /// Returns the sorted relative errors of the half vectors against the integrator.
-fn errors(brdf: &dyn Brdf, tree: &LightTree, settings: SamplerSettings) -> Vec<f64> {
+fn errors(brdf: &dyn Brdf, tree: &LightTree) -> Vec<f64> {
     let light = PrefilteredLight::of(tree);
-    let lobe = HalfVectorSampler::new(&[brdf], &light, settings);
+    let lobe = HalfVectorSampler::new(&[brdf], &light);
     let fine = IntegratorSettings { tolerance: 0.05, ..IntegratorSettings::default() };
     let points: Vec<SurfacePoint> = ball(24).into_iter().filter(|p| p.normal.z > 0.2).collect();
     let envelope = brdf.envelope();
@@ -32,11 +32,9 @@ fn matches_the_integrator() {
     let tree = LightTree::of_map(&environment_map(256, lamp));
     let lobe = |width: f64| BivariateTable::from_fn(|h, d| 0.1 + d + 3.0 / (1.0 + (h / width).powi(2)).powi(2));
     for (width, median, worst) in [(1.0, 0.003, 0.02), (0.2, 0.003, 0.03), (0.05, 0.005, 0.08)] {
-        for (settings, times) in [(SamplerSettings::FINE, 1.0), (SamplerSettings::DRAFT, 3.0)] {
-            let off = errors(&lobe(width), &tree, settings);
-            let (middle, last) = (off[off.len() / 2], off[off.len() - 1]);
-            assert!(middle < times * median && last < times * worst, "{width} {settings:?}: {middle} {last}");
-        }
+        let off = errors(&lobe(width), &tree);
+        let (middle, last) = (off[off.len() / 2], off[off.len() - 1]);
+        assert!(middle < median && last < worst, "{width}: {middle} {last}");
     }
 }
 
@@ -49,7 +47,7 @@ fn rotated_light_matches_rotated_map() {
     tree.set_rotation(turn);
     let got = PrefilteredLight::of(&tree);
     let table = BivariateTable::from_fn(|h, _| 0.1 + 2.0 / (1.0 + (h / 0.3).powi(2)).powi(2));
-    let lobe = HalfVectorSampler::new(&[&table], &want, SamplerSettings::FINE);
+    let lobe = HalfVectorSampler::new(&[&table], &want);
     for point in ball(10).into_iter().filter(|p| p.normal.z > 0.2) {
         let [want, got] = [&want, &got].map(|light| lobe.radiance(&point, light, |_| 1.0)[0]);
         assert!((want - got).length() < 0.01 * want.length(), "{want} {got}");
@@ -81,6 +79,6 @@ fn renders_tables_that_depend_on_phi_d() {
     };
     let merl = MerlTable::from_channels([0, 1, 2].map(|c| even.channel(c).iter().enumerate().map(turned).collect()));
     assert!(!merl.is_bivariate());
-    let off = errors(&merl, &tree, SamplerSettings::FINE);
+    let off = errors(&merl, &tree);
     assert!(off[off.len() / 2] < 0.005 && off[off.len() - 1] < 0.02, "{off:?}");
 }

@@ -30,7 +30,7 @@ fuzz_target!(init: gonio_fuzz::let_guards_catch(), |bytes: &[u8]| {
         }
     }
     let _ = result::read(&out.join("result.json"));
-    let _ = export::light_of_results(&out).unwrap();
+    let _ = export::ResultProperties::of(&out);
     let _ = combine::read_posteriors(std::slice::from_ref(&out));
     let holds = folder::holds_results(&out);
     let _ = folder::for_results(&out).unwrap().fill(&[("brdf.npz".to_owned(), Vec::new())]);

@@ -17,7 +17,7 @@ use glam::{DVec3, Vec3};
 use gonio::picture::Plane;
 use gonio::suggestion::Suggestion;
 
-use crate::picture::{self, Decoded, Encoding, Format, ReadOptions, Selection};
+use crate::picture::{self, Decoded, Encoding, Format, Group, ReadOptions, Selection};
 use crate::{Error, guard, npy};
 
 /// Numbers of at least this magnitude mark pixels without a surface.
@@ -64,13 +64,8 @@ pub fn read_depth(path: impl AsRef<Path>, options: &DepthOptions) -> Result<Plan
 pub fn decode_depth(path: &Path, bytes: &[u8], options: &DepthOptions) -> Result<Plane<Option<f64>>, Error> {
     let depth = |v: f32| depth_of(f64::from(v));
     let depths = if bytes.starts_with(npy::MAGIC) {
-        let array = npy::decode(path, bytes)?;
-        let (&[height, width] | &[height, width, 1]) = array.shape.as_slice() else {
-            let problem = format!("has the shape {:?}", array.shape);
-            return Err(Error::invalid(path, problem, "use an array of depths with the shape (height, width)"));
-        };
-        let (width, height) = options.read.check_size(path, width as u64, height as u64)?;
-        Plane::from_vec(width, height, array.values.iter().map(|v| depth(*v)).collect())
+        let advice = "use an array of depths with the shape (height, width)";
+        npy::decode_pixels(path, bytes, &options.read, advice, |&[v]| depth(v))?
     } else {
         match Format::of(path, bytes).map_err(|e| e.with_formats("use EXR, NPY, PFM, or 16-bit PNG or TIFF"))? {
             Format::Exr => {
@@ -124,13 +119,8 @@ pub fn read_positions(path: impl AsRef<Path>) -> Result<Plane<Option<DVec3>>, Er
 pub fn decode_positions(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Plane<Option<DVec3>>, Error> {
     let position = |v: Vec3| position_of(v.as_dvec3());
     let positions = if bytes.starts_with(npy::MAGIC) {
-        let array = npy::decode(path, bytes)?;
-        let &[height, width, 3] = array.shape.as_slice() else {
-            let problem = format!("has the shape {:?}", array.shape);
-            return Err(Error::invalid(path, problem, "use an array of positions with the shape (height, width, 3)"));
-        };
-        let (width, height) = options.check_size(path, width as u64, height as u64)?;
-        Plane::from_vec(width, height, array.values.chunks_exact(3).map(|p| position(Vec3::from_slice(p))).collect())
+        let advice = "use an array of positions with the shape (height, width, 3)";
+        npy::decode_pixels(path, bytes, options, advice, |p| position(Vec3::from_array(*p)))?
     } else {
         let unsupported = || {
             let problem = "has a format that cannot store positions";
@@ -138,7 +128,7 @@ pub fn decode_positions(path: &Path, bytes: &[u8], options: &ReadOptions) -> Res
         };
         match Format::of(path, bytes).map_err(|e| e.with_formats("use EXR, NPY, PFM, or TIFF of floats"))? {
             Format::Exr => {
-                let select = |headers: &[Header]| select_places(path, headers);
+                let select = |headers: &[Header]| select_positions(path, headers);
                 let (width, height, planes) = picture::read_channels(path, bytes, options, select)?;
                 let [x, y, z] = planes.as_slice() else { return Err(Error::damaged(path, "has no positions")) };
                 let positions = x.iter().zip(y).zip(z).map(|((&x, &y), &z)| position(Vec3::new(x, y, z)));
@@ -167,50 +157,37 @@ pub fn decode_positions(path: &Path, bytes: &[u8], options: &ReadOptions) -> Res
 
 /// Selects a channel with a depth name, preferably of a depth pass.
 fn select_depth(path: &Path, headers: &[Header]) -> Result<Selection, Error> {
-    let mut found: Option<(u32, Selection)> = None;
-    for group in picture::groups(headers) {
+    let pass = |group: &Group, name: &str| {
         let pass = match group.pass() {
             "depth" | "z" | "mist" | "distance" => 0,
             "" => 1,
             // The Z of a pass of normals or positions is not a depth.
-            _ => 10,
+            _ => return None,
         };
         // Colour channels store depths only in a depth pass or in a grey file.
-        for (name, rank) in [("depth", 0), ("z", 2), ("v", 2), ("distance", 0), ("d", 2), ("y", 4), ("r", 6)] {
-            let vector = name == "z" && group.select(&["x"]).is_some() || name == "r" && pass != 0;
-            if let Some(selection) = group.select(&[name])
-                && !vector
-                && pass + rank < 10
-                && found.as_ref().is_none_or(|f| pass + rank < f.0)
-            {
-                found = Some((pass + rank, selection));
-            }
-        }
-    }
-    let advice = "rename the depth channel to Z";
-    found.map(|f| f.1).ok_or_else(|| Error::unsupported(path, "has no depth channel (Z, V or depth)", advice))
+        let is_vector = name == "z" && group.select(&["x"]).is_some() || name == "r" && pass != 0;
+        (!is_vector).then_some(pass)
+    };
+    let names = [(["depth"], 0), (["z"], 2), (["v"], 2), (["distance"], 0), (["d"], 2), (["y"], 4), (["r"], 6)];
+    let missing = || {
+        let problem = "has no depth channel (Z, V or depth)";
+        Error::unsupported(path, problem, "rename the depth channel to Z")
+    };
+    picture::select_best(headers, &names, pass).ok_or_else(missing)
 }
 
 /// Selects the channels most likely to be positions.
-fn select_places(path: &Path, headers: &[Header]) -> Result<Selection, Error> {
-    let mut found: Option<(u32, Selection)> = None;
-    for group in picture::groups(headers) {
-        let pass = match group.pass() {
-            "p" | "pos" | "position" | "positions" | "point" | "points" | "world" | "pworld" => 0,
-            "" => 2,
-            "n" | "normal" | "normals" | "nrm" | "uv" | "vector" => continue,
-            _ => 4,
-        };
-        for (names, rank) in [(["x", "y", "z"], 0), (["px", "py", "pz"], 0), (["r", "g", "b"], 1)] {
-            if let Some(selection) = group.select(&names)
-                && found.as_ref().is_none_or(|f| pass + rank < f.0)
-            {
-                found = Some((pass + rank, selection));
-            }
-        }
-    }
+fn select_positions(path: &Path, headers: &[Header]) -> Result<Selection, Error> {
+    let pass = |group: &Group, _: &str| match group.pass() {
+        "p" | "pos" | "position" | "positions" | "point" | "points" | "world" | "pworld" => Some(0),
+        "" => Some(2),
+        "n" | "normal" | "normals" | "nrm" | "uv" | "vector" => None,
+        _ => Some(4),
+    };
+    let names = [(["x", "y", "z"], 0), (["px", "py", "pz"], 0), (["r", "g", "b"], 1)];
     let advice = "rename the position channels";
-    found.map(|f| f.1).ok_or_else(|| Error::unsupported(path, "has no position channels (X, Y, Z or R, G, B)", advice))
+    let missing = || Error::unsupported(path, "has no position channels (X, Y, Z or R, G, B)", advice);
+    picture::select_best(headers, &names, pass).ok_or_else(missing)
 }
 
 /// Returns one value per pixel of a grey picture.

@@ -17,7 +17,7 @@ use std::path::Path;
 use glam::Vec3;
 use gonio::picture::{Plane, srgb_encode};
 
-use crate::picture::{self, Decoded, Encoding, Format, ReadOptions, Selection};
+use crate::picture::{self, Decoded, Encoding, Format, Group, ReadOptions, Selection};
 use crate::{Error, guard, npy};
 
 /// Lengths of normals that become unit vectors. Averages of a finer map are shorter than one, and
@@ -46,7 +46,8 @@ pub fn read_normals(path: impl AsRef<Path>) -> Result<Plane<Vec3>, Error> {
 /// Like [`read_normals`].
 pub fn decode(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Plane<Vec3>, Error> {
     if bytes.starts_with(npy::MAGIC) {
-        return from_npy(path, bytes, options);
+        let advice = "use an array with the shape (height, width, 3)";
+        return npy::decode_pixels(path, bytes, options, advice, |n| Vec3::from_array(*n)).map(floats);
     }
     match Format::of(path, bytes).map_err(|e| e.with_formats("use EXR, NPY, PFM, PNG, TIFF or JPEG"))? {
         Format::Exr => {
@@ -68,35 +69,14 @@ pub fn decode(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Plane<
 /// Selects the channels most likely to be normals: `X Y Z` before `R G B`, and a pass with a name
 /// for normals before all others.
 fn select(path: &Path, headers: &[exr::meta::header::Header]) -> Result<Selection, Error> {
-    let groups = picture::groups(headers);
-    let mut found: Option<(u32, Selection)> = None;
-    for group in &groups {
-        let pass = match group.pass() {
-            "n" | "normal" | "normals" | "nrm" => 0,
-            "" => 2,
-            _ => 4,
-        };
-        for (names, rank) in [(["x", "y", "z"], 0), (["nx", "ny", "nz"], 0), (["r", "g", "b"], 1)] {
-            if let Some(selection) = group.select(&names)
-                && found.as_ref().is_none_or(|f| pass + rank < f.0)
-            {
-                found = Some((pass + rank, selection));
-            }
-        }
-    }
-    let missing = || Error::unsupported(path, "has no channels X, Y, Z or R, G, B", "rename the normal channels");
-    found.map(|f| f.1).ok_or_else(missing)
-}
-
-fn from_npy(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Plane<Vec3>, Error> {
-    let array = npy::decode(path, bytes)?;
-    let &[height, width, 3] = array.shape.as_slice() else {
-        let problem = format!("has the shape {:?}", array.shape);
-        return Err(Error::invalid(path, problem, "use an array with the shape (height, width, 3)"));
+    let pass = |group: &Group, _: &str| match group.pass() {
+        "n" | "normal" | "normals" | "nrm" => Some(0),
+        "" => Some(2),
+        _ => Some(4),
     };
-    let (width, height) = options.check_size(path, width as u64, height as u64)?;
-    let normals = array.values.chunks_exact(3).map(Vec3::from_slice).collect();
-    Ok(floats(Plane::from_vec(width, height, normals)))
+    let names = [(["x", "y", "z"], 0), (["nx", "ny", "nz"], 0), (["r", "g", "b"], 1)];
+    let missing = || Error::unsupported(path, "has no channels X, Y, Z or R, G, B", "rename the normal channels");
+    picture::select_best(headers, &names, pass).ok_or_else(missing)
 }
 
 fn from_picture(decoded: Decoded) -> Plane<Vec3> {

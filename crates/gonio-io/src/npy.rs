@@ -2,6 +2,9 @@
 
 use std::path::Path;
 
+use gonio::picture::Plane;
+
+use crate::picture::ReadOptions;
 use crate::{Error, guard, little_endian};
 
 /// Longest file read, 4 GiB.
@@ -70,6 +73,25 @@ pub fn decode(path: &Path, bytes: &[u8]) -> Result<Array, Error> {
     let values: Vec<f32> = data.chunks_exact(size).map(value).collect();
     let values = if fortran { to_c_order(&shape, &values) } else { values };
     Ok(Array { shape, values })
+}
+
+/// Decodes an array with the shape (height, width, N), or (height, width) if N is 1, as a picture.
+/// `advice` describes the required array.
+pub(crate) fn decode_pixels<T, const N: usize>(
+    path: &Path,
+    bytes: &[u8],
+    options: &ReadOptions,
+    advice: &str,
+    pixel: impl Fn(&[f32; N]) -> T,
+) -> Result<Plane<T>, Error> {
+    let Array { shape, values } = decode(path, bytes)?;
+    let (height, width) = match *shape.as_slice() {
+        [height, width] if N == 1 => (height, width),
+        [height, width, channels] if channels == N => (height, width),
+        _ => return Err(Error::invalid(path, format!("has the shape {shape:?}"), advice)),
+    };
+    let (width, height) = options.check_size(path, width as u64, height as u64)?;
+    Ok(Plane::from_vec(width, height, values.as_chunks().0.iter().map(pixel).collect()))
 }
 
 /// Encodes an array as 32-bit little-endian floats in C order, format version 1.0.

@@ -24,20 +24,9 @@ type Id = (String, String);
 pub(crate) fn make(output: &Path) -> Result<String> {
     let bill = bill()?;
     let text = serde_json::to_string_pretty(&bill)? + "\n";
-    write(output, &text).with_context(|| output.display().to_string())?;
+    fs::write(output, &text).with_context(|| output.display().to_string())?;
     let count = bill["components"].as_array().map_or(0, Vec::len);
     Ok(format!("{}: {count} components of gonio", output.display()))
-}
-
-/// Writes a file completely or not at all.
-fn write(path: &Path, text: &str) -> std::io::Result<()> {
-    let name = format!(".gonio-{}", std::process::id());
-    let unfinished = path.with_file_name(name);
-    let done = fs::write(&unfinished, text).and_then(|()| fs::rename(&unfinished, path));
-    if done.is_err() {
-        let _ = fs::remove_file(&unfinished);
-    }
-    done
 }
 
 fn bill() -> Result<Value> {
@@ -278,20 +267,5 @@ mod tests {
         for wrong in ["a v1.0.0", "0 a", "0 a 1.0.0", "1 a v1.0.0"] {
             assert!(graph(wrong).is_err(), "{wrong}");
         }
-    }
-
-    #[test]
-    fn files_are_written_completely_or_not_at_all() {
-        let dir = std::env::temp_dir().join(format!("gonio-xtask-{}", std::process::id()));
-        fs::create_dir(&dir).unwrap();
-        write(&dir.join("a"), "one").unwrap();
-        write(&dir.join("a"), "two").unwrap();
-        assert_eq!(fs::read_to_string(dir.join("a")).unwrap(), "two");
-        fs::create_dir(dir.join("folder")).unwrap();
-        assert!(write(&dir.join("folder"), "x").is_err());
-        let mut names: Vec<_> = fs::read_dir(&dir).unwrap().map(|e| e.unwrap().file_name()).collect();
-        names.sort();
-        assert_eq!(names, ["a", "folder"]);
-        fs::remove_dir_all(&dir).unwrap();
     }
 }

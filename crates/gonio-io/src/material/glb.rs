@@ -96,11 +96,16 @@ pub fn glb_sphere(name: &str, model: &MetallicRoughness, note: &str) -> Vec<u8> 
     });
     let mut text = document.to_string().into_bytes();
     text.resize(text.len().next_multiple_of(4), b' ');
-    let total = 12 + 8 + text.len() + 8 + binary.len();
+    container(&text, &binary)
+}
+
+/// Joins the JSON and the binary chunk, whose lengths should be multiples of four.
+pub(crate) fn container(json: &[u8], binary: &[u8]) -> Vec<u8> {
+    let total = 12 + 8 + json.len() + 8 + binary.len();
     let mut out = b"glTF".to_vec();
     out.extend(2_u32.to_le_bytes());
     out.extend((total as u32).to_le_bytes());
-    for (kind, chunk) in [(b"JSON", &text), (b"BIN\0", &binary)] {
+    for (kind, chunk) in [(b"JSON", json), (b"BIN\0", binary)] {
         out.extend((chunk.len() as u32).to_le_bytes());
         out.extend(kind);
         out.extend(chunk);
@@ -127,10 +132,10 @@ mod tests {
         let document = gltf_material("ball", &model);
         assert_eq!(document["extensions"]["KHR_materials_specular"]["specularColorFactor"][2], 0.25);
         assert_eq!(document["extensions"]["KHR_materials_clearcoat"]["clearcoatFactor"], 0.75);
+        let json: Value = serde_json::from_slice(&gltf::Glb::from_slice(&bytes).unwrap().json).unwrap();
+        assert_eq!(json["materials"][0]["name"], "a \"ball\"");
         let file = gltf::Gltf::from_slice(&bytes).unwrap();
-        let material = file.materials().next().unwrap();
-        assert_eq!(material.name(), Some("a \"ball\""));
-        let pbr = material.pbr_metallic_roughness();
+        let pbr = file.materials().next().unwrap().pbr_metallic_roughness();
         assert_eq!(pbr.base_color_factor(), [0.5, 0.25, 0.1, 1.0]);
         assert_eq!((pbr.metallic_factor(), pbr.roughness_factor()), (0.2, 0.3));
         let path = std::path::Path::new("sphere.glb");

@@ -5,7 +5,7 @@
 //! underscore.
 
 mod blender;
-mod glb;
+pub(crate) mod glb;
 mod materialx;
 mod mitsuba;
 

@@ -18,15 +18,12 @@ mod gltf;
 mod obj;
 mod parts;
 mod ply;
-mod write;
 
 use std::path::Path;
 
 use gonio::shape::{BuiltInShape, Mesh, MeshDefects};
 
 use crate::{Error, guard};
-
-pub use write::{encode_obj, encode_ply};
 
 /// Longest file read, 512 MiB.
 const MAX_BYTES: u64 = 1 << 29;

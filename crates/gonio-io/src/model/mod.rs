@@ -34,30 +34,29 @@ enum Content {
 }
 
 impl Content {
-    /// Returns the `kind` in the metadata.
-    fn name(self) -> &'static str {
+    const ALL: [Self; 5] = [Self::Model, Self::Lighting, Self::Reflectance, Self::Posterior, Self::Checkpoint];
+
+    /// Returns the `kind` in the metadata, and the description in messages.
+    fn names(self) -> (&'static str, &'static str) {
         match self {
-            Self::Model => "model",
-            Self::Lighting => "lighting",
-            Self::Reflectance => "reflectance",
-            Self::Posterior => "posterior",
-            Self::Checkpoint => "checkpoint",
+            Self::Model => ("model", "a whole model"),
+            Self::Lighting => ("lighting", "a light prior alone"),
+            Self::Reflectance => ("reflectance", "a reflectance basis alone"),
+            Self::Posterior => ("posterior", "a posterior of materials alone"),
+            Self::Checkpoint => ("checkpoint", "a checkpoint of an unfinished training"),
         }
+    }
+
+    fn name(self) -> &'static str {
+        self.names().0
     }
 
     fn named(name: &str) -> Option<Self> {
-        let all = [Self::Model, Self::Lighting, Self::Reflectance, Self::Posterior, Self::Checkpoint];
-        all.into_iter().find(|c| c.name() == name)
+        Self::ALL.into_iter().find(|content| content.name() == name)
     }
 
     fn label(self) -> &'static str {
-        match self {
-            Self::Model => "a whole model",
-            Self::Lighting => "a light prior alone",
-            Self::Reflectance => "a reflectance basis alone",
-            Self::Posterior => "a posterior of materials alone",
-            Self::Checkpoint => "a checkpoint of an unfinished training",
-        }
+        self.names().1
     }
 
     fn command(self) -> String {

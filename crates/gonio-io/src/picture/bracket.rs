@@ -8,9 +8,8 @@ use gonio::suggestion::Suggestion;
 use image::DynamicImage;
 use image::metadata::Orientation;
 
-use super::space::{Conversion, DeclaredSpace, SpaceSource};
+use super::space::{Conversion, DeclaredSpace};
 use super::{Decoded, Encoding, ExposureSettings, Format, InputSpace, ReadOptions, integer};
-use crate::colour_space::ColourSpace;
 use crate::{Error, guard};
 
 /// Largest total number of pixels in a bracket.
@@ -107,29 +106,15 @@ fn decode_codes(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Code
         Format::Raw => {
             let raw = super::raw::develop(path, bytes, options)?;
             let (codes, shot) = (raw.codes(), raw.shot);
-            let space = (Conversion::None, InputSpace::unconverted("camera", SpaceSource::Camera));
+            let space = (Conversion::None, InputSpace::unconverted("camera", super::SpaceSource::Camera));
             return Ok(Coded { codes, alpha: None, orientation: Orientation::NoTransforms, shot, linear: true, space });
         }
         _ => return Err(not_coded(path)),
     };
     let integer::Loaded { image, samples, orientation, embedded } = integer::load(path, bytes, format, options)?;
-    let space = space_of(embedded.stated, samples.is_grey, options.colour_space);
+    let space = embedded.stated.settle_values(samples.is_grey, Some("merged radiance"), options.colour_space);
     let (codes, alpha) = codes_of(path, image, orientation)?;
     Ok(Coded { codes, alpha, orientation, shot: ExposureSettings::of(bytes), linear: false, space })
-}
-
-/// Returns the colour space of the merged radiance. A table in an ICC profile applies to codes, not
-/// to radiance.
-fn space_of(stated: DeclaredSpace, is_grey: bool, given: Option<ColourSpace>) -> (Conversion, InputSpace) {
-    match stated.space {
-        _ if is_grey => (Conversion::None, InputSpace::unconverted("grey", SpaceSource::Grey)),
-        Some((Conversion::Table(_), ..)) => {
-            let unusable =
-                Some("the table of the ICC profile (the table applies to codes, not to merged radiance)".to_owned());
-            DeclaredSpace { space: None, unusable }.settle(given)
-        }
-        _ => stated.settle(given),
-    }
 }
 
 fn not_coded(path: &Path) -> Error {

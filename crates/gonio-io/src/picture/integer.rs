@@ -11,7 +11,7 @@ use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits};
 
 use super::curve::Curve;
 use super::embedded::Embedded;
-use super::space::{Conversion, DeclaredSpace, InputSpace, SpaceSource};
+use super::space::Conversion;
 use super::{Decoded, Encoding, ReadOptions, jpeg, tiff};
 use crate::{Error, guard};
 
@@ -141,16 +141,8 @@ fn unpack(
     };
     // The curves of a profile may end just below 1.
     let white = (0..3).map(|channel| value(channel, 1.0)).fold(f32::INFINITY, f32::min);
-    let (conversion, input) = match is_grey {
-        true => (Conversion::None, InputSpace::unconverted("grey", SpaceSource::Grey)),
-        // The table converts codes, not linear values.
-        _ if is_table && options.linear => {
-            let unusable =
-                Some("the table of the ICC profile (the table applies to codes, not to linear values)".to_owned());
-            DeclaredSpace { space: None, unusable }.settle(options.colour_space)
-        }
-        _ => stated.settle(options.colour_space),
-    };
+    let linear = options.linear.then_some("linear values");
+    let (conversion, input) = stated.settle_values(is_grey, linear, options.colour_space);
     let full_scale = (!is_float).then_some(white);
     Ok(Decoded { picture, encoding, full_scale, layer: None, input, conversion })
 }

@@ -122,6 +122,29 @@ pub(crate) fn groups(headers: &[Header]) -> Vec<Group> {
     groups
 }
 
+/// Selects the channels of the lowest rank, the first if several are equal.
+///
+/// `names` lists sets of channel names with their ranks. `pass_rank` takes a group and the first
+/// name of a set. It returns a number to add to the rank, or `None` to exclude the set in this
+/// group.
+pub(crate) fn select_best<const N: usize>(
+    headers: &[Header],
+    names: &[([&str; N], u32)],
+    pass_rank: impl Fn(&Group, &str) -> Option<u32>,
+) -> Option<Selection> {
+    let mut found: Option<(u32, Selection)> = None;
+    for group in groups(headers) {
+        for (names, rank) in names {
+            if let (Some(selection), Some(added)) = (group.select(names), pass_rank(&group, names[0]))
+                && found.as_ref().is_none_or(|f| added + rank < f.0)
+            {
+                found = Some((added + rank, selection));
+            }
+        }
+    }
+    found.map(|f| f.1)
+}
+
 /// Selects the colour channels of the layer that the options name. Without a name, selects the
 /// channels without a prefix, else the pass of the finished picture, else the first.
 pub(super) fn choose(path: &Path, headers: &[Header], options: &ReadOptions) -> Result<Chosen, Error> {

@@ -57,7 +57,7 @@ use space::Conversion;
 pub use bracket::{Bracket, BracketOptions, decode_bracket, read_bracket};
 pub(crate) use exr::read_channels;
 pub use flat::{divide_by_flat, subtract_black};
-pub(crate) use layers::{Selection, groups};
+pub(crate) use layers::{Group, Selection, groups, select_best};
 pub use mask::read_mask;
 pub use response::{decode_response, encode_response, read_response};
 pub use shot::ExposureSettings;
@@ -163,6 +163,9 @@ pub struct LayerChoice {
     pub others: Vec<String>,
 }
 
+/// File name extensions of the supported formats, except camera raw files.
+pub const EXTENSIONS: [&str; 9] = ["exr", "hdr", "pic", "pfm", "png", "jpg", "jpeg", "tif", "tiff"];
+
 /// Supported formats, recognised by their first bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Format {
@@ -201,7 +204,7 @@ impl Format {
                 _ => Ok(Self::Tiff),
             },
             _ => Err(match extension.as_str() {
-                "exr" | "hdr" | "pic" | "pfm" | "png" | "jpg" | "jpeg" | "tif" | "tiff" => {
+                known if EXTENSIONS.contains(&known) => {
                     Error::damaged(path, format!("does not have the header of a .{extension} file"))
                 }
                 "" => Error::unsupported(path, "has an unknown image format", READABLE),

@@ -100,6 +100,24 @@ impl DeclaredSpace {
         }
     }
 
+    /// Settles the space of a picture, which may be grey. `linear` names its values if they are not
+    /// codes; the table of an ICC profile then does not apply.
+    pub(super) fn settle_values(
+        self,
+        is_grey: bool,
+        linear: Option<&str>,
+        given: Option<ColourSpace>,
+    ) -> (Conversion, InputSpace) {
+        match (&self.space, linear) {
+            _ if is_grey => (Conversion::None, InputSpace::unconverted("grey", SpaceSource::Grey)),
+            (Some((Conversion::Table(_), ..)), Some(values)) => {
+                let unusable = format!("the table of the ICC profile (the table applies to codes, not to {values})");
+                Self { space: None, unusable: Some(unusable) }.settle(given)
+            }
+            _ => self.settle(given),
+        }
+    }
+
     /// Combines the space of the file with the space of the caller; the file takes precedence.
     pub(super) fn settle(self, given: Option<ColourSpace>) -> (Conversion, InputSpace) {
         let Self { space, unusable } = self;

@@ -10,7 +10,7 @@ use std::sync::LazyLock;
 use ::exr::meta::attribute::{AttributeValue, Chromaticities, Text};
 use ::exr::prelude::{
     AnyChannel, AnyChannels, Blocks, Compression, Encoding, FlatSamples, Image, ImageAttributes, IntegerBounds, Layer,
-    LayerAttributes, LineOrder, SpecificChannels, Vec2, WritableImage,
+    LayerAttributes, LineOrder, Vec2, WritableImage,
 };
 use glam::Vec3;
 use gonio::picture::{Plane, srgb_encode};
@@ -65,41 +65,7 @@ pub fn encode_exr_in(rgb: &Plane<Vec3>, alpha: Option<&Plane<f32>>, space: Colou
 /// If the picture has no pixels, alpha has another size, or the clip level is not positive and
 /// finite.
 pub fn encode_exr_with(rgb: &Plane<Vec3>, options: &ExrOptions<'_>) -> Vec<u8> {
-    let ExrOptions { alpha, clip_level, space } = *options;
-    assert!(
-        clip_level.is_none_or(|level| level > 0.0 && level.is_finite()),
-        "the clip level must be positive and finite"
-    );
-    let (width, height) = rgb.size();
-    assert!(width > 0 && height > 0, "the picture must have pixels");
-    let attributes = || {
-        let mut attributes = LayerAttributes::default();
-        let level = clip_level.map(|level| (Text::from(exr::CLIP_LEVEL), AttributeValue::F32(level)));
-        attributes.other.extend(level);
-        attributes
-    };
-    let (of_image, encoding) = (image_attributes((width, height), space), ENCODING);
-    let mut bytes = Cursor::new(Vec::new());
-    let written = match alpha {
-        Some(alpha) => {
-            assert_eq!(alpha.size(), rgb.size(), "alpha must have the size of the picture");
-            let channels = SpecificChannels::rgba(|Vec2(x, y): Vec2<usize>| {
-                let v = rgb[(x, y)];
-                (v.x, v.y, v.z, alpha[(x, y)])
-            });
-            Image::new(of_image, Layer::new((width, height), attributes(), encoding, channels))
-                .write()
-                .to_buffered(&mut bytes)
-        }
-        None => {
-            let channels = SpecificChannels::rgb(|Vec2(x, y): Vec2<usize>| rgb[(x, y)].into());
-            Image::new(of_image, Layer::new((width, height), attributes(), encoding, channels))
-                .write()
-                .to_buffered(&mut bytes)
-        }
-    };
-    written.expect("writing to memory cannot fail");
-    bytes.into_inner()
+    write_exr(rgb, options, &[])
 }
 
 /// Encodes OpenEXR with further pictures as layers: the channels `NAME.R`, `NAME.G` and `NAME.B`.
@@ -109,9 +75,19 @@ pub fn encode_exr_with(rgb: &Plane<Vec3>, options: &ExrOptions<'_>) -> Vec<u8> {
 /// # Panics
 /// If the picture has no pixels, or alpha or a layer has another size.
 pub fn encode_exr_layers(rgb: &Plane<Vec3>, alpha: Option<&Plane<f32>>, layers: &[(&str, &Plane<Vec3>)]) -> Vec<u8> {
+    let options = ExrOptions { alpha, clip_level: None, space: Some(ColourSpace::Rec709) };
+    write_exr(rgb, &options, layers)
+}
+
+fn write_exr(rgb: &Plane<Vec3>, options: &ExrOptions<'_>, layers: &[(&str, &Plane<Vec3>)]) -> Vec<u8> {
+    let ExrOptions { alpha, clip_level, space } = *options;
+    assert!(
+        clip_level.is_none_or(|level| level > 0.0 && level.is_finite()),
+        "the clip level must be positive and finite"
+    );
     let (width, height) = rgb.size();
     assert!(width > 0 && height > 0, "the picture must have pixels");
-    let mut channels: Vec<AnyChannel<FlatSamples>> = Vec::new();
+    let mut channels = Vec::new();
     for (prefix, plane) in [("".to_owned(), rgb)].into_iter().chain(layers.iter().map(|(n, p)| (format!("{n}."), *p))) {
         assert_eq!(plane.size(), rgb.size(), "layers must have the size of the picture");
         for (c, name) in ["R", "G", "B"].into_iter().enumerate() {
@@ -123,9 +99,11 @@ pub fn encode_exr_layers(rgb: &Plane<Vec3>, alpha: Option<&Plane<f32>>, layers: 
         assert_eq!(alpha.size(), rgb.size(), "alpha must have the size of the picture");
         channels.push(AnyChannel::new("A", FlatSamples::F32(alpha.as_slice().to_vec())));
     }
-    let of_image = image_attributes((width, height), Some(ColourSpace::Rec709));
-    let channels = AnyChannels::sort(channels.into_iter().collect());
-    let layer = Layer::new((width, height), LayerAttributes::default(), ENCODING, channels);
+    let mut of_image = ImageAttributes::new(IntegerBounds::from_dimensions((width, height)));
+    of_image.chromaticities = space.map(chromaticities);
+    let mut of_layer = LayerAttributes::default();
+    of_layer.other.extend(clip_level.map(|level| (Text::from(exr::CLIP_LEVEL), AttributeValue::F32(level))));
+    let layer = Layer::new((width, height), of_layer, ENCODING, AnyChannels::sort(channels.into_iter().collect()));
     let mut bytes = Cursor::new(Vec::new());
     Image::new(of_image, layer).write().to_buffered(&mut bytes).expect("writing to memory cannot fail");
     bytes.into_inner()
@@ -134,13 +112,6 @@ pub fn encode_exr_layers(rgb: &Plane<Vec3>, alpha: Option<&Plane<f32>>, layers: 
 /// Encoding of all OpenEXR files.
 const ENCODING: Encoding =
     Encoding { compression: Compression::ZIP16, blocks: Blocks::ScanLines, line_order: LineOrder::Increasing };
-
-/// Returns the attributes of a picture in a colour space, if it has one.
-fn image_attributes(size: (usize, usize), space: Option<ColourSpace>) -> ImageAttributes {
-    let mut attributes = ImageAttributes::new(IntegerBounds::from_dimensions(size));
-    attributes.chromaticities = space.map(chromaticities);
-    attributes
-}
 
 /// Returns the attribute `chromaticities` of a space.
 fn chromaticities(space: ColourSpace) -> Chromaticities {

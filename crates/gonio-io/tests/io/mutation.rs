@@ -1,61 +1,32 @@
 //! Mutations of valid files.
 //!
-//! They are extreme numbers in headers, replaced words in binary headers, truncation and flipped
-//! bits. The sequence of changes is fixed, so that failures are reproducible.
+//! They are extreme numbers in headers, replaced words in binary headers, truncation and changed
+//! bytes. The sequence of changes is fixed, so that failures are reproducible.
 
 use std::path::Path;
 
-use glam::{DVec3, Vec3};
+use glam::Vec3;
 use gonio::picture::Plane;
-use gonio::shape::{Mesh, MeshParts};
 use gonio_io::{mesh, npy, picture};
 
 use crate::corpus::{check_error, read_with_all};
+use crate::damage::{cuts, with_changed_bytes};
 
 /// Number of leading bytes that count as the header.
 const HEADER: usize = 600;
-/// Flipped bits tried for each file.
-const FLIPS: usize = 150;
+/// Truncations and changed bytes tried for each file.
+const CUTS: usize = 60;
+const CHANGES: usize = 150;
 
-/// A wavy strip of triangles.
-fn strip() -> Mesh {
-    let positions: Vec<DVec3> =
-        (0..30).map(|i| DVec3::new(f64::from(i) / 2.0, f64::from(i % 2), f64::from(i % 5))).collect();
-    let triangles = (0..28).map(|i| [i, i + 1, i + 2]).collect();
-    Mesh::new(MeshParts { positions, triangles, normals: None }).unwrap().0
-}
-
-fn gltf(binary: bool) -> Vec<u8> {
-    let bin: Vec<u8> = [0.0_f32, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0].iter().flat_map(|v| v.to_le_bytes()).collect();
-    let uri = if binary { "" } else { r#","uri":"data:;base64,AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAA""# };
-    let mut json = format!(
-        r#"{{"asset":{{"version":"2.0"}},"scene":0,"scenes":[{{"nodes":[0,1]}}],"nodes":[{{"mesh":0}},{{"mesh":0,"scale":[2,3,4]}}],"meshes":[{{"primitives":[{{"attributes":{{"POSITION":0}}}}]}}],"accessors":[{{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3","min":[0,0,0],"max":[1,1,0]}}],"bufferViews":[{{"buffer":0,"byteOffset":0,"byteLength":36}}],"buffers":[{{"byteLength":36{uri}}}]}}"#
-    );
-    if !binary {
-        return json.into_bytes();
-    }
-    while json.len() % 4 != 0 {
-        json.push(' ');
-    }
-    let mut bytes = b"glTF\x02\0\0\0".to_vec();
-    bytes.extend((28 + json.len() as u32 + 36).to_le_bytes());
-    bytes.extend((json.len() as u32).to_le_bytes());
-    bytes.extend(b"JSON");
-    bytes.extend(json.bytes());
-    bytes.extend(36_u32.to_le_bytes());
-    bytes.extend(b"BIN\0");
-    bytes.extend(bin);
-    bytes
+/// Reads a valid file in `fuzz/seeds`.
+fn seed(folder: &str, name: &str) -> Vec<u8> {
+    let seeds = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fuzz/seeds");
+    std::fs::read(seeds.join(folder).join(name)).unwrap()
 }
 
 /// A file of each format.
 pub(crate) fn good() -> Vec<(&'static str, Vec<u8>)> {
     let rgb = Plane::from_fn(13, 11, |x, y| Vec3::new(x as f32 / 13.0, y as f32 / 11.0, 0.5));
-    let text = "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\nelement face 1\n\
-        property list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n4 0 1 2 3\n";
-    let camera = r#"{"projection": "perspective", "focal_mm": 85, "sensor_mm": [36, 27], "size": [640, 480],
-        "principal_point": [320, 240], "pose": {"position": [0, 0.5, 3], "look_at": [0, 0, 0], "up": [0, 1, 0]}}"#;
-    let pose = r#"{"translation": [1, 2, 3], "rotation_degrees": [10, 20, 30], "scale": [1, 2, 3]}"#;
     let image =
         image::DynamicImage::ImageRgb8(image::RgbImage::from_fn(13, 11, |x, y| image::Rgb([x as u8, y as u8, 9])));
     let through = |format| {
@@ -71,13 +42,13 @@ pub(crate) fn good() -> Vec<(&'static str, Vec<u8>)> {
         ("a.tif", through(image::ImageFormat::Tiff)),
         ("a.jpg", through(image::ImageFormat::Jpeg)),
         ("a.npy", npy::encode(&npy::Array { shape: vec![11, 13, 3], values: vec![0.5; 429] })),
-        ("a.obj", mesh::encode_obj(&strip())),
-        ("a.ply", mesh::encode_ply(&strip())),
-        ("text.ply", text.into()),
-        ("a.glb", gltf(true)),
-        ("a.gltf", gltf(false)),
-        ("camera.json", camera.into()),
-        ("pose.json", pose.into()),
+        ("a.obj", seed("mesh_obj", "a.obj")),
+        ("a.ply", seed("mesh_ply", "a.ply")),
+        ("text.ply", seed("mesh_ply", "text.ply")),
+        ("a.glb", seed("mesh_gltf", "a.glb")),
+        ("a.gltf", seed("mesh_gltf", "a.gltf")),
+        ("camera.json", seed("camera", "camera.json")),
+        ("pose.json", seed("pose", "pose.json")),
     ]
 }
 
@@ -117,22 +88,10 @@ fn with_words(good: &[u8]) -> Vec<Vec<u8>> {
     lies
 }
 
-/// Returns truncated versions of the file and versions with one flipped bit.
+/// Returns truncated versions of the file and versions with one changed byte.
 fn with_damage(good: &[u8]) -> Vec<Vec<u8>> {
-    let mut state = 7_u64;
-    let mut below = |n: usize| {
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (state >> 33) as usize % n
-    };
-    let cuts = (0..good.len()).step_by((good.len() / 60).max(1)).map(|cut| good[..cut].to_vec());
-    let mut damaged: Vec<Vec<u8>> = cuts.collect();
-    for i in 0..FLIPS {
-        let mut bad = good.to_vec();
-        let at = below(if i % 2 == 0 { good.len().min(HEADER) } else { good.len() });
-        bad[at] ^= 1 << below(8);
-        damaged.push(bad);
-    }
-    damaged
+    let cut = cuts(good, CUTS).map(|cut| good[..cut].to_vec());
+    cut.chain(with_changed_bytes(good, CHANGES).into_iter().map(|(_, bad)| bad)).collect()
 }
 
 #[test]

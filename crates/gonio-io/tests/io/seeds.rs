@@ -1,6 +1,7 @@
 //! Seeds for fuzzing, in `fuzz/seeds/`: small valid files of each format for each of its readers.
 //!
-//! This module generates them from the valid files of the other tests.
+//! This module generates them from the valid files of the other tests. The meshes, the camera and
+//! the pose exist only in that folder; `mutation` reads them.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -33,7 +34,7 @@ const RESULTS: [&str; 2] = [
 ];
 
 /// A TIFF file with camera settings: exposure time, f-number and sensitivity.
-fn exif(big: bool) -> Vec<u8> {
+pub(crate) fn exif(big: bool) -> Vec<u8> {
     let [two, four]: [fn(u32) -> Vec<u8>; 2] = if big {
         [|v| (v as u16).to_be_bytes().to_vec(), |v| v.to_be_bytes().to_vec()]
     } else {

@@ -5,6 +5,7 @@ use glam::DVec3;
 use gonio::shape::{Mesh, MeshDefects};
 use serde_json::{Value, json};
 
+use crate::material::glb::container;
 use crate::mesh::{decode, read_mesh};
 use crate::{Error, Kind};
 
@@ -18,14 +19,7 @@ fn glb(json: &Value, bin: &[u8]) -> Vec<u8> {
     text.resize(text.len().next_multiple_of(4), b' ');
     let mut bin = bin.to_vec();
     bin.resize(bin.len().next_multiple_of(4), 0);
-    let mut bytes = b"glTF\x02\0\0\0".to_vec();
-    bytes.extend((12 + 8 + text.len() as u32 + 8 + bin.len() as u32).to_le_bytes());
-    for (kind, data) in [(b"JSON", &text), (b"BIN\0", &bin)] {
-        bytes.extend((data.len() as u32).to_le_bytes());
-        bytes.extend(kind);
-        bytes.extend(data);
-    }
-    bytes
+    container(&text, &bin)
 }
 
 /// Returns JSON and bytes of a unit square. The bytes are four corners, four normals along z, and
@@ -318,12 +312,7 @@ fn bounds_and_padding_may_be_missing() {
     for name in ["", "a", "ab", "abc"] {
         let (mut json, bin) = square();
         json["asset"]["generator"] = json!(name);
-        let text = json.to_string().into_bytes();
-        let mut bytes = b"glTF\x02\0\0\0".to_vec();
-        bytes.extend((28 + text.len() as u32 + bin.len() as u32).to_le_bytes());
-        for (kind, data) in [(b"JSON", &text), (b"BIN\0", &bin)] {
-            bytes.extend([&(data.len() as u32).to_le_bytes()[..], kind, data].concat());
-        }
+        let bytes = container(json.to_string().as_bytes(), &bin);
         assert_eq!(area(&read(&bytes).unwrap().0), 2.0 * DVec3::Z, "{name}");
     }
 }

@@ -34,13 +34,18 @@ env -i PATH="$wheels/new/bin" "$wheels/new/bin/python" tests/installed.py
 
 "$tools/bin/pip" install --quiet --disable-pip-version-check --force-reinstall --no-deps "$wheels"/gonio-*.whl
 
-# Much of this code uses one core, so the other checks run beside the tests.
-step "tests, beside examples of the documentation and types"
+# Much of this code uses one core, so two parts of the checks run side by side.
+second_part=(test_brdf.py test_outputs.py test_show.py test_train.py)
+pytest=("$tools/bin/python" -m pytest -q --durations=10 -p no:cacheprovider)
+step "tests, beside further tests, examples of the documentation and types"
 beside() {
     set -e
+    step "further tests"
+    (cd tests && "${pytest[@]}" "${tests[@]}" "${second_part[@]}")
+
     # Runs the examples of the docstrings.
     step "examples of the documentation"
-    (cd tests && PYTHONPATH=. "$tools/bin/python" -m pytest -q --durations=5 -p no:cacheprovider -p conftest --doctest-modules --pyargs gonio)
+    (cd tests && PYTHONPATH=. "${pytest[@]}" -p conftest --doctest-modules --pyargs gonio)
 
     step "types"
     "$tools/bin/python" -m mypy --cache-dir "$wheels/mypy" python/gonio
@@ -64,7 +69,7 @@ PYTHON
 (beside) >"$wheels/beside.log" 2>&1 &
 other=$!
 failed=0
-"$tools/bin/python" -m pytest -q --durations=20 -p no:cacheprovider "${tests[@]}" tests || failed=1
+(cd tests && "${pytest[@]}" "${tests[@]}" "${second_part[@]/#/--ignore=}" .) || failed=1
 wait $other || failed=1
 cat "$wheels/beside.log"
 step "done"

@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 
 use crate::regions::{Regions, region_masks, shows_several_balls};
 use crate::scene::{Observing, RegionMask};
-use crate::{AppError, ObservedScene, Photograph, ProgressLog, Scene, Warning};
+use crate::{AppError, ObservedScene, Photograph, ProgressLog, Scene, Warning, spaces};
 
 /// Result of checking a photograph.
 pub struct CheckResult {
@@ -104,9 +104,7 @@ impl CheckResult {
             document["reference"] = json!(object.scene.reference.as_ref().map(|reference| reference.section(None)));
             document
         };
-        let space = self.photograph.space.as_ref().map(
-            |space| json!({ "input": space.name, "source": space.source.words(), "clamped_pixels": space.clamped }),
-        );
+        let space = self.photograph.space.as_ref().map(spaces::input_document);
         json!({ "width": width, "height": height, "colorspace": space, "objects": self.objects.iter().map(object).collect::<Vec<_>>() })
     }
 }

@@ -10,7 +10,6 @@ use glam::Vec3;
 use gonio::lighting::{EnvironmentMap, studio_light};
 use gonio::reflectance::{BivariateTable, MerlTable};
 use gonio::shading::Fitter;
-use gonio_io::Error;
 use gonio_io::atomic::StagedFolder;
 use gonio_io::colour_space::ColourSpace;
 use gonio_io::result::{self, ExportDocument};
@@ -118,7 +117,7 @@ pub struct Export {
     /// of a renderer.
     pub absolute: bool,
     /// 90 % interval of the roughness of the highlight, if the BRDF is from a photograph
-    /// ([`roughness_of_results`]).
+    /// ([`ResultProperties`]).
     pub roughness: Option<[f64; 2]>,
     /// Also write the table of each fitted model, to compare it with the BRDF.
     pub with_tables: bool,
@@ -207,37 +206,38 @@ impl Export {
     }
 }
 
-/// Whether the scale of the BRDF in a folder of results is known.
-///
-/// # Errors
-/// If `result.json` is damaged.
-pub fn is_absolute(dir: &Path) -> Result<bool, Error> {
-    Ok(document_in(dir)?.is_some_and(|document| document.reflectance.absolute))
+/// Properties of a result: the values of the fields of [`Export`] with the same names.
+#[derive(Clone, Debug)]
+pub struct ResultProperties {
+    /// The light in colour; `None` if the folder has no light.
+    pub light: Option<EnvironmentMap>,
+    /// Whether the scale of the BRDF is known.
+    pub absolute: bool,
+    /// 90 % interval of the roughness of the highlight; `None` if the method computes no intervals.
+    pub roughness: Option<[f64; 2]>,
 }
 
-/// Returns the 90 % interval of the roughness of the highlight in a folder of results, for
-/// [`Export::roughness`]; `None` if the method computes no intervals.
-///
-/// # Errors
-/// If `result.json` is damaged.
-pub fn roughness_of_results(dir: &Path) -> Result<Option<[f64; 2]>, Error> {
-    let roughness = document_in(dir)?.and_then(|document| document.posterior?.highlight.roughness);
-    Ok(roughness.map(|roughness| [roughness.low, roughness.high]).filter(|ends| ends.iter().all(|end| end.is_finite())))
-}
-
-/// Reads the light of a folder of results in colour, for [`Export::light`]; `None` if the folder
-/// has no light.
-///
-/// # Errors
-/// If the file cannot be read.
-pub fn light_of_results(dir: &Path) -> Result<Option<EnvironmentMap>, AppError> {
-    let file = dir.join(LIGHT);
-    if !file.is_file() {
-        return Ok(None);
+impl ResultProperties {
+    /// Reads the properties from a folder of results.
+    ///
+    /// # Errors
+    /// If the light cannot be read, or `result.json` is damaged.
+    pub fn of(dir: &Path) -> Result<Self, AppError> {
+        let file = dir.join(LIGHT);
+        let light = file.is_file().then(|| read_light(&file, None)).transpose()?;
+        let Some(document) = document_in(dir)? else { return Ok(Self { light, absolute: false, roughness: None }) };
+        let colour = document.colour.light.map(|light| Vec3::from(light.rgb.map(|x| x as f32)));
+        let roughness = document.posterior.and_then(|posterior| posterior.highlight.roughness);
+        let ends = roughness.map(|roughness| [roughness.low, roughness.high]);
+        Ok(Self {
+            light: match (light, colour) {
+                (Some(light), Some(colour)) => Some(coloured(&light, colour)),
+                (light, _) => light,
+            },
+            absolute: document.reflectance.absolute,
+            roughness: ends.filter(|ends| ends.iter().all(|end| end.is_finite())),
+        })
     }
-    let light = read_light(&file, None)?;
-    let colour = document_in(dir)?.and_then(|document| Some(document.colour.light?.rgb.map(|x| x as f32)));
-    Ok(Some(colour.map_or_else(|| light.clone(), |colour| coloured(&light, Vec3::from(colour)))))
 }
 
 /// Colours an estimated light, whose map is grey. A map with colours is returned unchanged.

@@ -39,7 +39,7 @@ pub fn for_exports(dir: impl AsRef<Path>) -> Result<StagedFolder, AppError> {
     let dir = dir.as_ref();
     if holds_results(dir) {
         let problem = "contains results of gonio infer, whose light the export would replace";
-        return Err(AppError::of(dir.display(), problem).with(Suggestion::OtherFolder));
+        return Err(AppError::of(dir.display(), problem).with([Suggestion::OtherFolder]));
     }
     Ok(replacing(dir, exports_in)?)
 }

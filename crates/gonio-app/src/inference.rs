@@ -185,7 +185,7 @@ pub(crate) fn of_one(
         && let Some(error) = contradiction(image, misfit).filter(|_| !observed.force)
     {
         let suggested = suggestions(&observed, settings.method.light_suggestion());
-        return Err(suggested.into_iter().fold(error, AppError::with).with(Suggestion::Force));
+        return Err(error.with(suggested).with([Suggestion::Force]));
     }
     let found = found.scaled_by_reference(&observed, image, &mut warnings);
     Ok(assemble(context, observed, found, image, settings, warnings, progress_log))

@@ -22,6 +22,8 @@ mod inference;
 mod inpaint;
 mod mask;
 mod mirror;
+pub mod names;
+pub mod panics;
 mod paper;
 pub mod photograph;
 mod probe;

@@ -38,14 +38,14 @@ impl MirrorBall {
     ) -> Result<EnvironmentMap, AppError> {
         let (name, picture) = (scene.name(), scene.picture());
         let to_error = |error: gonio::probe::ProbeError| {
-            AppError::of(name, format!("mirror ball: {error}")).with(Suggestion::MirrorBall)
+            AppError::of(name, format!("mirror ball: {error}")).with([Suggestion::MirrorBall])
         };
         let reflectance = Reflectance::new(self.reflectance).map_err(|error| AppError::new(error.to_string()))?;
         let size = picture.rgb.size();
         let Circle { x, y, radius } = self.circle;
         if [x, y, radius].iter().any(|v| v.is_nan() || v.abs() > MAX_COORDINATE) {
             let problem = format!("mirror ball: the outline {x},{y},{radius} is not in the photograph");
-            return Err(AppError::of(name, problem).with(Suggestion::MirrorBall));
+            return Err(AppError::of(name, problem).with([Suggestion::MirrorBall]));
         }
         let object = match &scene.camera {
             None => ObjectShape::Sphere(Some(self.circle)),
@@ -64,7 +64,7 @@ impl MirrorBall {
         }
         if !is_ball && !is_masked {
             let problem = "a photograph with a mirror ball requires a mask of the object, unless the object is a ball";
-            return Err(AppError::of(name, problem).with(Suggestion::Mask));
+            return Err(AppError::of(name, problem).with([Suggestion::Mask]));
         }
         if matches!(scene.object, ObjectShape::Sphere(None)) && !matches!(regions, Some(Regions::Circles(_))) {
             let (circle, _) = outline_of_ball(&inpaint_ball(picture, &self.circle), scene.mask.as_ref())
@@ -83,7 +83,7 @@ impl MirrorBall {
         let place = |v: f64, side: usize| (v.max(0.0) as usize).min(side.saturating_sub(1));
         if detection.contains(place(self.circle.x, width), place(self.circle.y, height)) {
             let problem = "the mirror ball is a part of the object; specify the object by its outline or a mask";
-            return Err(AppError::of(name, problem).with(Suggestion::MirrorBall));
+            return Err(AppError::of(name, problem).with([Suggestion::MirrorBall]));
         }
         Ok(())
     }

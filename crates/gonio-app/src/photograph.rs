@@ -10,6 +10,7 @@ use gonio_io::picture::{
     self, BracketOptions, Decoded, Encoding, InputSpace, ReadOptions, divide_by_flat, repeated_maximum, subtract_black,
 };
 use gonio_io::result::Bracket;
+use serde_json::{Value, json};
 
 use crate::{AppError, Warning, coded_floats, spaces};
 
@@ -95,6 +96,15 @@ impl MergedBracket {
             recovered_response: self.recovered,
             report: (&self.merged.report).into(),
         }
+    }
+
+    /// Returns the section `bracket` and the colour spaces of the files and of the merged image.
+    pub fn document(&self) -> Value {
+        let InputSpace { name, source, .. } = &self.space;
+        let mut document = json!(self.section());
+        document["colorspace"] =
+            json!({ "input": name, "source": source.words(), "output": ColourSpace::Rec709.name() });
+        document
     }
 }
 

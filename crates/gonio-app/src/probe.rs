@@ -14,7 +14,7 @@ use gonio_report::probe::draw;
 use serde_json::{Value, json};
 
 use crate::scene::LoadedScene;
-use crate::{AppError, Photograph, ProgressLog, Scene, Warning};
+use crate::{AppError, Photograph, ProgressLog, Scene, Warning, spaces};
 
 /// A mirror ball in one photograph or two.
 #[derive(Clone, Debug)]
@@ -89,7 +89,7 @@ pub fn light_probe(mirror: ProbePhotographs, progress_log: &ProgressLog<'_>) -> 
             Some(_) => AppError::of(&names, &error),
             None => AppError::of(&name, &error),
         };
-        error.suggestions().into_iter().fold(problem, AppError::with)
+        problem.with(error.suggestions())
     })?;
     warnings.extend(found.report.warnings().iter().map(|found| warning(&names, found)));
     if let (Some(document), Value::Object(report)) = (document.as_object_mut(), json!(found.report)) {
@@ -138,8 +138,7 @@ impl ObservedBall {
                 ProbeError::Scene(scene) => AppError::of(names.origin(scene), &error),
                 _ => AppError::of(&name, &error),
             };
-            let problem = problem.for_shape(names.takes_circle);
-            error.suggestions().into_iter().map(suggestion).fold(problem, AppError::with)
+            problem.for_shape(names.takes_circle).with(error.suggestions().into_iter().map(suggestion))
         })?;
         Ok(Self { name, view, bracket, space })
     }
@@ -163,9 +162,7 @@ impl ObservedBall {
             }
         }
         if let Some(space) = &self.space {
-            document["colorspace"] = json!({
-                "input": space.name, "source": space.source.words(), "clamped_pixels": space.clamped,
-            });
+            document["colorspace"] = spaces::input_document(space);
         }
         if let Some(bracket) = &self.bracket {
             document["bracket"] = json!(bracket);

@@ -34,7 +34,7 @@ impl AppError {
 
     /// Creates an error about a photograph, shape or mask, with its suggestions.
     pub fn of_scene(name: impl Display, error: &SceneError) -> Self {
-        Self { suggestions: error.suggestions(), ..Self::of(name, error) }
+        Self::of(name, error).with(error.suggestions())
     }
 
     /// Sets whether the outline of the shape is a circle that the user can specify. If not, the
@@ -46,7 +46,7 @@ impl AppError {
 
     /// Creates an error about a bracket, with its suggestions.
     pub fn of_bracket(name: impl Display, error: &BracketError) -> Self {
-        Self { suggestions: error.suggestions(), ..Self::of(name, error) }
+        Self::of(name, error).with(error.suggestions())
     }
 
     /// Prefixes the error with a part of the input.
@@ -56,10 +56,10 @@ impl AppError {
         self
     }
 
-    /// Adds a suggestion.
+    /// Adds suggestions.
     #[must_use]
-    pub fn with(mut self, suggestion: Suggestion) -> Self {
-        self.suggestions.push(suggestion);
+    pub fn with(mut self, suggestions: impl IntoIterator<Item = Suggestion>) -> Self {
+        self.suggestions.extend(suggestions);
         self
     }
 

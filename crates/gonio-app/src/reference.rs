@@ -90,12 +90,7 @@ impl Reference {
         warnings: &mut Vec<Warning>,
     ) -> Result<MeasuredReference, AppError> {
         let (rgb, size) = (&picture.rgb, picture.rgb.size());
-        let to_error = |error: ReferenceError| {
-            error
-                .suggestions()
-                .into_iter()
-                .fold(AppError::of(name, &error), |problem, suggestion| problem.with(suggestion))
-        };
+        let to_error = |error: ReferenceError| AppError::of(name, &error).with(error.suggestions());
         let patch = |kind: fn(Patch) -> ReferenceKind, region: Plane<bool>, usual: f64| {
             check_apart(&region, |x, y| detection.contains(x, y))?;
             let read = PatchReading::of(rgb, &region, clip)?;

@@ -187,7 +187,7 @@ impl Settings<'_> {
             )));
         }
         if self.method.is_learnt() && model.learnt.is_none() {
-            return Err(AppError::of(name, "has no posterior of materials").with(Suggestion::LearnPosterior));
+            return Err(AppError::of(name, "has no posterior of materials").with([Suggestion::LearnPosterior]));
         }
         Ok(())
     }

@@ -238,7 +238,7 @@ impl PositionSource {
             }
             Self::Positions(positions) => {
                 let Some(camera) = camera else {
-                    return Err(AppError::of(name, "a position map requires a camera").with(Suggestion::Camera));
+                    return Err(AppError::of(name, "a position map requires a camera").with([Suggestion::Camera]));
                 };
                 let positions = match positions {
                     Source::Memory(plane) => plane,
@@ -287,8 +287,8 @@ fn pose_mesh(
     let placed = PosedSurface::of_mesh(&mesh, camera, size).map_err(|error| {
         let problem = AppError::of(&name, &error);
         match error {
-            PoseError::Unseen if default_camera => problem.with(Suggestion::Pose).with(Suggestion::Camera),
-            PoseError::Unseen => problem.with(Suggestion::Pose),
+            PoseError::Unseen if default_camera => problem.with([Suggestion::Pose, Suggestion::Camera]),
+            PoseError::Unseen => problem.with([Suggestion::Pose]),
             _ => problem,
         }
     })?;

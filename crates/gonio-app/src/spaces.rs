@@ -7,10 +7,11 @@ use std::path::Path;
 
 use glam::{DMat3, DVec3};
 use gonio::reflectance::{BivariateTable, MerlTable};
+use gonio_io::Error;
 use gonio_io::colour_space::ColourSpace;
 use gonio_io::picture::InputSpace;
 use gonio_io::result::{ColourSpaces, ExportDocument};
-use gonio_io::{Error, json};
+use serde_json::{Value, json};
 
 use crate::Warning;
 use crate::export::SUMMARY;
@@ -53,6 +54,11 @@ impl Spaces {
             Warning::of(name, text)
         })
     }
+}
+
+/// Returns the colour space of a picture, its origin, and the number of clamped pixels, by name.
+pub(crate) fn input_document(input: &InputSpace) -> Value {
+    json!({ "input": input.name, "source": input.source.words(), "clamped_pixels": input.clamped })
 }
 
 /// Returns warnings about the colour space of a picture of `pixels` pixels.
@@ -153,15 +159,13 @@ fn space_of_brdf(path: &Path) -> Result<ColourSpace, Error> {
     if !summary.is_file() {
         return Ok(ColourSpace::default());
     }
-    let summary: ExportDocument = json::read(&summary)?;
+    let summary: ExportDocument = gonio_io::json::read(&summary)?;
     let entry = summary.exports.values().find(|entry| entry.files.iter().any(|name| *name == file));
     Ok(entry.and_then(|entry| ColourSpace::named(&entry.colorspace)).unwrap_or_default())
 }
 
 #[cfg(test)]
 mod tests {
-    use serde_json::{Value, json};
-
     use super::*;
     use crate::results::RESULT;
 

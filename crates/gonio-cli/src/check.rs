@@ -47,14 +47,8 @@ impl CheckOptions {
         if input::is_stdin(&image) {
             bail!("standard input has no default output; specify one with -o X.png");
         }
-        let output = beside(&image);
-        if output.exists() && !is_signed(&output, SIGNATURE) {
-            bail!(
-                "{}: exists and was not written by gonio check; specify another name with -o X.png",
-                output.display()
-            );
-        }
-        Ok(output)
+        let problem = "was not written by gonio check; specify another name with -o X.png";
+        input::check_default(beside(&image), |output| is_signed(output, SIGNATURE), problem)
     }
 }
 

@@ -10,7 +10,7 @@ use gonio_report::compare::Comparison;
 use serde_json::json;
 
 use crate::batch;
-use crate::input::require_extension;
+use crate::input::{check_default, require_extension};
 use crate::outcome::Outcome;
 use crate::progress::ProgressLine;
 use crate::suggestion::plain;
@@ -42,11 +42,8 @@ impl CompareOptions {
     /// Returns the path of the page: the specified one, or the default in the current folder.
     fn output(&self) -> Result<PathBuf> {
         let Some(output) = &self.output else {
-            let output = PathBuf::from(PAGE);
-            if output.exists() && !compare::is_page(&output) {
-                bail!("{PAGE}: exists and was not written by gonio; specify another name with -o X.html");
-            }
-            return Ok(output);
+            let problem = "was not written by gonio; specify another name with -o X.html";
+            return check_default(PAGE.into(), compare::is_page, problem);
         };
         require_extension(output, "html")?;
         Ok(output.clone())

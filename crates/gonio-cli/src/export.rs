@@ -9,7 +9,7 @@ use clap::builder::PossibleValue;
 use gonio::reflectance::BivariateTable;
 use gonio_app::Spaces;
 use gonio_app::draws::{self, DrawsError};
-use gonio_app::export::{DRAWS, Export, Target, is_absolute, light_of_results, roughness_of_results};
+use gonio_app::export::{DRAWS, Export, ResultProperties, Target};
 use gonio_app::folder::{EXPORT, for_exports};
 use gonio_app::results::{BRDF, brdf_in, regions_in};
 use gonio_io::posterior::FILE;
@@ -104,7 +104,9 @@ pub(crate) fn run(options: &ExportOptions) -> Result<Outcome> {
     });
     let name = named.filter(|n| !n.is_empty()).unwrap_or_else(|| "gonio".to_owned());
     let table = input::brdf(&file)?;
-    let light = if is_folder { light_of_results(&options.input).map_err(plain)? } else { None };
+    // A BRDF file has an absolute scale.
+    let of_file = ResultProperties { light: None, absolute: true, roughness: None };
+    let properties = if is_folder { ResultProperties::of(&options.input).map_err(plain)? } else { of_file };
     let folder = for_exports(&output).map_err(plain)?;
     let targets = wanted(options);
     let colours = table.to_bivariate();
@@ -113,11 +115,11 @@ pub(crate) fn run(options: &ExportOptions) -> Result<Outcome> {
         name,
         tables: colours.clone(),
         full_table: Some(table),
-        light,
+        light: properties.light,
         space: options.space.space(),
         albedo: options.albedo,
-        absolute: !is_folder || is_absolute(&options.input)?,
-        roughness: if is_folder { roughness_of_results(&options.input)? } else { None },
+        absolute: properties.absolute,
+        roughness: properties.roughness,
         with_tables: options.tables,
         draws,
     };

@@ -10,6 +10,7 @@ use anyhow::Context;
 use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{CommandFactory, FromArgMatches};
 use clap_complete::Shell;
+use gonio_io::picture::EXTENSIONS;
 use serde_json::json;
 
 use crate::Args;
@@ -35,12 +36,9 @@ const COMMON: [&str; 13] = [
 /// Commands whose `-h` shows only the common options.
 const COMMANDS_WITH_SHORT_HELP: [&str; 2] = ["infer", "check"];
 
-/// File name extensions of images.
-pub(crate) const PICTURES: [&str; 9] = ["exr", "hdr", "pic", "pfm", "png", "jpg", "jpeg", "tif", "tiff"];
-
 /// Whether a file name has the extension of an image.
 pub(crate) fn is_picture(path: &Path) -> bool {
-    path.extension().is_some_and(|e| PICTURES.contains(&e.to_string_lossy().to_ascii_lowercase().as_str()))
+    path.extension().is_some_and(|e| EXTENSIONS.contains(&e.to_string_lossy().to_ascii_lowercase().as_str()))
 }
 
 /// Builds the command with all options.

@@ -7,6 +7,7 @@ use anyhow::{Result, bail};
 use clap::ValueEnum;
 use gonio::scene::Circle;
 use gonio_app::folder::{default_output, for_results, holds_results, would_replace};
+use gonio_app::names::{ALIGNMENTS, COLOURS, SOLVERS};
 use gonio_app::regions::{InferenceOutcome, RegionsResult, infer_all};
 use gonio_app::{
     Alignment, ColourMode, EnvironmentSource, KnownLight, Method, MirrorBall, ProgressLog, Settings, Source, Spaces,
@@ -18,6 +19,7 @@ use serde_json::json;
 
 use crate::input::{self, numbers};
 use crate::light::{Reflectance, parse_reflectance};
+use crate::names;
 use crate::outcome::Outcome;
 use crate::progress::ProgressLine;
 use crate::scene::{SceneOptions, parse_circle};
@@ -53,9 +55,9 @@ pub(crate) struct InferOptions {
     mirror_reflectance: Option<Reflectance>,
     /// Rotations of the environment map to try [default: small; --align-light without a value:
     /// vertical]
-    #[arg(long, value_enum, value_name = "HOW", requires = "light", num_args = 0..=1, default_missing_value = "vertical",
-          help_heading = LIGHT)]
-    align_light: Option<AlignmentName>,
+    #[arg(long, value_parser = names::parser(ALIGNMENTS), value_name = "HOW", requires = "light", num_args = 0..=1,
+          default_missing_value = "vertical", help_heading = LIGHT)]
+    align_light: Option<Alignment>,
     /// Estimate the absolute BRDF from a photograph and an environment map of the same scale
     ///
     /// Both must have the same exposure and white balance. Without this option, gonio scales the
@@ -99,8 +101,8 @@ pub(crate) struct InferOptions {
     #[arg(long, value_name = "N", help_heading = METHOD)]
     seed: Option<u64>,
     /// Solver of --method variational [default: blocks]
-    #[arg(long, value_enum, help_heading = METHOD)]
-    solver: Option<SolverName>,
+    #[arg(long, value_parser = names::parser(SOLVERS), help_heading = METHOD)]
+    solver: Option<Solver>,
     /// Run --method variational or joint-map on all observations
     ///
     /// By default, gonio projects the observations to fewer values, which saves time and memory.
@@ -113,8 +115,8 @@ pub(crate) struct InferOptions {
     #[arg(long, value_name = "R,G,B", value_parser = parse_light, conflicts_with = "light", help_heading = COLOUR)]
     light_color: Option<ColourMode>,
     /// Colour of the BRDF
-    #[arg(long, value_enum, default_value_t = ColourName::Estimate, help_heading = COLOUR)]
-    color: ColourName,
+    #[arg(long, value_parser = names::parser(COLOURS), default_value = "estimate", help_heading = COLOUR)]
+    color: ColourMode,
     /// Folder for the results [default: IMAGE-gonio beside the photograph]
     ///
     /// gonio replaces the results of an earlier run and keeps all other files in the folder. If the
@@ -157,17 +159,6 @@ Examples:
 
 To check the detection of the object first, use gonio check. For many photographs, use gonio batch.";
 
-/// Ways to colour the BRDF.
-#[derive(Clone, Copy, Debug, PartialEq, clap::ValueEnum)]
-enum ColourName {
-    /// Estimated chroma for every pair of angles; gonio assumes that an unknown light is neutral
-    Estimate,
-    /// The median colour of the photograph, which includes the light's colour; as in the paper
-    Median,
-    /// No colour: three equal channels
-    None,
-}
-
 /// Names of the methods.
 #[derive(Clone, Copy, Debug, PartialEq, clap::ValueEnum)]
 enum MethodName {
@@ -181,26 +172,6 @@ enum MethodName {
     KnownLight,
     /// Coefficients of ten basis functions under the light of --light, as in the paper
     KnownLightBasis,
-}
-
-/// Rotations of the environment map to search.
-#[derive(Clone, Copy, Debug, PartialEq, clap::ValueEnum)]
-enum AlignmentName {
-    /// A few degrees about any axis
-    Small,
-    /// Any angle about the vertical, and a few degrees about any axis
-    Vertical,
-    /// No rotation
-    Fixed,
-}
-
-/// Names of the solvers.
-#[derive(Clone, Copy, Debug, clap::ValueEnum)]
-enum SolverName {
-    /// Exact minimisation of the paper's cost C_KL by blocks: faster, and reaches a lower cost
-    Blocks,
-    /// Algorithm 1 of the paper as printed
-    Printed,
 }
 
 /// Parses a Boolean value.
@@ -220,13 +191,9 @@ fn parse_light(text: &str) -> Result<ColourMode, String> {
 
 impl InferOptions {
     fn method(&self) -> Result<Method> {
-        let solver = match self.solver {
-            None | Some(SolverName::Blocks) => Solver::Blocks,
-            Some(SolverName::Printed) => Solver::Printed,
-        };
         let usual = PaperSettings::default();
         let search = PaperSettings {
-            solver,
+            solver: self.solver.unwrap_or_default(),
             starts: self.starts.map_or(usual.starts, |starts| starts as usize),
             seed: self.seed.unwrap_or(usual.seed),
             as_printed: self.paper,
@@ -255,11 +222,7 @@ impl InferOptions {
         let light = self.light.clone().map(Source::File);
         let method = match (name, light) {
             (MethodName::KnownLight, Some(map)) => {
-                let alignment = match self.align_light {
-                    None | Some(AlignmentName::Small) => Alignment::Small,
-                    Some(AlignmentName::Vertical) => Alignment::Vertical,
-                    Some(AlignmentName::Fixed) => Alignment::Fixed,
-                };
+                let alignment = self.align_light.unwrap_or_default();
                 Method::KnownLight(KnownLight { map: EnvironmentSource::Map(map), alignment, absolute: self.absolute })
             }
             (MethodName::KnownLightBasis, Some(map)) => Method::KnownLightBasis(search, map),
@@ -306,13 +269,11 @@ impl InferOptions {
     }
 
     fn colours(&self) -> Result<ColourMode> {
-        Ok(match (self.color, self.light_color) {
-            (ColourName::Estimate, None) => ColourMode::Estimate,
-            (ColourName::Estimate, Some(under)) => under,
+        match (self.color, self.light_color) {
+            (color, None) => Ok(color),
+            (ColourMode::Estimate, Some(under)) => Ok(under),
             (_, Some(_)) => bail!("--light-color requires --color estimate"),
-            (ColourName::Median, None) => ColourMode::Median,
-            (ColourName::None, None) => ColourMode::Grey,
-        })
+        }
     }
 
     /// Returns the folder of results: the specified one, or the default beside the photograph.
@@ -324,14 +285,8 @@ impl InferOptions {
                 bail!("standard input has no default folder for the results; specify one with -o DIR");
             }
             None => {
-                let output = default_output(&image);
-                if output.exists() && !holds_results(&output) {
-                    bail!(
-                        "{}: exists and does not contain results of gonio infer; specify another folder with -o DIR",
-                        output.display()
-                    );
-                }
-                output
+                let problem = "does not contain results of gonio infer; specify another folder with -o DIR";
+                input::check_default(default_output(&image), holds_results, problem)?
             }
         };
         let mut inputs = self.scene.input_files();

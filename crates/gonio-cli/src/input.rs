@@ -41,6 +41,15 @@ pub(crate) fn require_extension(output: &Path, extension: &str) -> Result<()> {
     Ok(())
 }
 
+/// Checks that a default output does not exist, or is gonio's own, which it may replace. `problem`
+/// states what is wrong with another file or folder, and what to do.
+pub(crate) fn check_default(output: PathBuf, is_own: impl Fn(&Path) -> bool, problem: &str) -> Result<PathBuf> {
+    if output.exists() && !is_own(&output) {
+        bail!("{}: exists and {problem}", output.display());
+    }
+    Ok(output)
+}
+
 /// Argument that stands for standard input.
 const STDIN: &str = "-";
 

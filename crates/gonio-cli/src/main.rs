@@ -15,6 +15,7 @@ mod input;
 mod interrupt;
 mod light;
 mod merge;
+mod names;
 mod outcome;
 mod progress;
 mod reading;
@@ -25,11 +26,11 @@ mod suggestion;
 mod surface;
 mod train;
 
-use std::panic::{AssertUnwindSafe, PanicHookInfo, catch_unwind, set_hook};
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::process::ExitCode;
-use std::sync::Mutex;
 
 use clap::{Parser, Subcommand};
+use gonio_app::panics;
 
 use progress::{Verbosity, set_verbosity};
 
@@ -102,16 +103,6 @@ pub(crate) enum Command {
     Man(help::Man),
 }
 
-/// Message of the last panic. Third-party decoders panic on damaged files; `gonio-io` catches these
-/// panics and reports one-line errors, so the panic hook prints nothing.
-static PANIC: Mutex<String> = Mutex::new(String::new());
-
-fn record_panic(panic: &PanicHookInfo<'_>) {
-    if let Ok(mut noted) = PANIC.lock() {
-        *noted = panic.to_string();
-    }
-}
-
 fn main() -> ExitCode {
     let Args { general, command } = match help::parse(std::env::args_os()) {
         Ok(args) => args,
@@ -128,7 +119,7 @@ fn main() -> ExitCode {
         // This fails only if a global thread pool exists already, which is not the case.
         let _ = rayon::ThreadPoolBuilder::new().num_threads(threads.into()).build_global();
     }
-    set_hook(Box::new(record_panic));
+    panics::record();
     interrupt::watch();
     let run = || match &command {
         Command::Batch(options) => batch::run(options),
@@ -155,8 +146,8 @@ fn main() -> ExitCode {
             ExitCode::from(2)
         }
         Err(_) => {
-            let said = PANIC.lock().map(|noted| noted.clone()).unwrap_or_default();
-            print_error(&format!("internal error: {}; please report this bug", one_line(&said)), json);
+            let message = one_line(&panics::message());
+            print_error(&format!("internal error: {message}; please report this bug"), json);
             ExitCode::from(101)
         }
     }

@@ -72,11 +72,8 @@ pub(crate) fn run(options: &MergeOptions) -> Result<Outcome> {
         100.0 * report.residual
     );
     let output = options.output.display().to_string();
-    let mut fields = json!(bracket.section());
+    let mut fields = bracket.document();
     fields["output"] = json!(output);
-    fields["colorspace"] = json!({
-        "input": bracket.space.name, "source": bracket.space.source.words(), "output": ColourSpace::Rec709.name(),
-    });
     Ok(Outcome::new(text, fields).warning(suggestion::worded(&warnings)))
 }
 

@@ -5,9 +5,10 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result, anyhow};
 use gonio::sphere::OctahedralMap;
+use gonio_app::names::{CHANNELS, MAPPINGS};
 use gonio_app::training::{
-    self, LightingSettings, Lights, Materials, PosteriorSettings, ReflectanceSettings, Resumption, TrainingError,
-    TrainingLosses,
+    self, Channel, LightingSettings, Lights, Materials, PosteriorSettings, ReflectanceSettings, Resumption,
+    TrainingError, TrainingLosses,
 };
 use gonio_io::atomic::write_file;
 use gonio_io::model::{
@@ -18,6 +19,7 @@ use gonio_paper::nmf::NmfSettings;
 use serde_json::{Value, json};
 
 use crate::input;
+use crate::names;
 use crate::outcome::Outcome;
 use crate::progress::{ProgressLine, is_verbose};
 
@@ -48,8 +50,8 @@ pub(crate) struct TrainLightingOptions {
     #[arg(long, default_value_t = 128)]
     grid: usize,
     /// Mapping of the sphere to the square
-    #[arg(long, value_enum, default_value_t = MappingName::EqualArea)]
-    mapping: MappingName,
+    #[arg(long, value_parser = names::parser(MAPPINGS), default_value = "equal-area")]
+    mapping: OctahedralMap,
     /// Number of rotations about the vertical axis in which each map is used
     ///
     /// With an even number, horizontal and vertical wavelets of a scale have equal statistics.
@@ -61,15 +63,6 @@ pub(crate) struct TrainLightingOptions {
     /// Seed of the random starts of the fits
     #[arg(long, default_value_t = 1)]
     seed: u64,
-}
-
-/// Names of [`OctahedralMap`].
-#[derive(Clone, Copy, clap::ValueEnum)]
-pub(crate) enum MappingName {
-    /// Clarberg's equal-area map
-    EqualArea,
-    /// Praun and Hoppe's octahedral map, as in the paper
-    PraunHoppe,
 }
 
 /// Options of `gonio train reflectance`.
@@ -87,7 +80,7 @@ pub(crate) struct TrainReflectanceOptions {
     #[arg(long, default_value_t = 10)]
     rank: usize,
     /// Channel of the BRDFs to factorise
-    #[arg(long, value_enum, default_value_t = Channel::Green)]
+    #[arg(long, value_parser = names::parser(CHANNELS), default_value = "green")]
     channel: Channel,
     /// Number of random starts of the factorisation
     #[arg(long, default_value_t = NmfSettings::default().starts)]
@@ -95,27 +88,6 @@ pub(crate) struct TrainReflectanceOptions {
     /// Seed of the random starts
     #[arg(long, default_value_t = 0)]
     seed: u64,
-}
-
-/// Channels of a MERL table.
-#[derive(Clone, Copy, Debug, clap::ValueEnum)]
-pub(crate) enum Channel {
-    Red,
-    Green,
-    Blue,
-    /// Luminance (Rec. 709 weights)
-    Luminance,
-}
-
-impl Channel {
-    fn of(self) -> training::Channel {
-        match self {
-            Self::Red => training::Channel::Red,
-            Self::Green => training::Channel::Green,
-            Self::Blue => training::Channel::Blue,
-            Self::Luminance => training::Channel::Luminance,
-        }
-    }
 }
 
 /// Options of `gonio train posterior`.
@@ -134,7 +106,7 @@ pub(crate) struct TrainPosteriorOptions {
     #[arg(short, long)]
     output: PathBuf,
     /// Channel of the measured BRDFs to use
-    #[arg(long, value_enum, default_value_t = Channel::Luminance)]
+    #[arg(long, value_parser = names::parser(CHANNELS), default_value = "luminance")]
     channel: Channel,
     /// Number of views of environment maps in a group of simulated scenes
     ///
@@ -228,11 +200,7 @@ fn learn<T>(job: impl FnOnce(training::Progress<'_>) -> Result<T, TrainingError>
 }
 
 fn lighting(options: &TrainLightingOptions) -> Result<Outcome> {
-    let map = match options.mapping {
-        MappingName::EqualArea => OctahedralMap::EqualArea,
-        MappingName::PraunHoppe => OctahedralMap::PraunHoppe,
-    };
-    let TrainLightingOptions { grid, rotations, cap, seed, .. } = *options;
+    let TrainLightingOptions { grid, mapping: map, rotations, cap, seed, .. } = *options;
     let settings = LightingSettings { grid, map, rotations: rotations as usize, cap, seed };
     let lights = Lights::Folder(options.dir.clone());
     let (prior, provenance) = learn(|progress| training::lighting(&lights, &settings, progress))?;
@@ -243,7 +211,7 @@ fn lighting(options: &TrainLightingOptions) -> Result<Outcome> {
 fn reflectance(options: &TrainReflectanceOptions) -> Result<Outcome> {
     let settings = ReflectanceSettings {
         rank: options.rank,
-        channel: options.channel.of(),
+        channel: options.channel,
         starts: options.starts,
         seed: options.seed,
     };
@@ -271,7 +239,7 @@ fn posterior(options: &TrainPosteriorOptions) -> Result<Outcome> {
     };
     let initial = options.initial.as_ref().map(initial).transpose()?;
     let settings = PosteriorSettings {
-        channel: options.channel.of(),
+        channel: options.channel,
         views: options.views,
         group_materials: options.group_materials,
         steps: options.steps,

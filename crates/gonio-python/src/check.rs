@@ -10,7 +10,6 @@ use gonio_io::picture::encode_response;
 use numpy::PyArray2;
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
-use serde_json::json;
 
 use crate::arrays;
 use crate::error::worded;
@@ -56,9 +55,7 @@ pub(crate) fn merge(
         let mut warnings = Vec::new();
         Ok((merge_files(&images, &reading, &mut warnings)?, worded(&warnings)))
     })?;
-    let mut document = json!(bracket.section());
-    document["colorspace"] =
-        json!({ "input": bracket.space.name, "source": bracket.space.source.words(), "output": "rec709" });
+    let document = bracket.document();
     let merged = bracket.merged;
     let response = &merged.response;
     let (width, height) = merged.picture.rgb.size();

@@ -1,11 +1,10 @@
 //! Converts errors to the Python exceptions of `gonio._errors`.
 
 use std::io::ErrorKind;
-use std::sync::Mutex;
 
 use gonio::scene::Circle;
 use gonio::suggestion::Suggestion;
-use gonio_app::{AppError, Warning};
+use gonio_app::{AppError, Warning, panics};
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
@@ -84,21 +83,7 @@ pub(crate) fn raise(problem: &AppError, py: Python<'_>) -> PyErr {
     }
 }
 
-/// Message of the last panic. Third-party decoders panic on damaged files; `gonio-io` catches these
-/// panics and reports one-line errors, so the panic hook prints nothing.
-static PANIC: Mutex<String> = Mutex::new(String::new());
-
-/// Suppresses the output of panics.
-pub(crate) fn keep_panics_quiet() {
-    std::panic::set_hook(Box::new(|panic| {
-        if let Ok(mut noted) = PANIC.lock() {
-            *noted = panic.to_string();
-        }
-    }));
-}
-
 /// Creates the exception for an internal panic.
 pub(crate) fn fault() -> PyErr {
-    let said = PANIC.lock().map(|noted| noted.clone()).unwrap_or_default();
-    PyRuntimeError::new_err(format!("internal error: {said}; please report this bug"))
+    PyRuntimeError::new_err(format!("internal error: {}; please report this bug", panics::message()))
 }

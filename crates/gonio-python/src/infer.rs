@@ -8,6 +8,7 @@ use gonio::model::Model as Known;
 use gonio::picture::Plane;
 use gonio::reflectance::{BivariateTable, THETA_D, THETA_H};
 use gonio::scene::Circle;
+use gonio_app::names::{ALIGNMENTS, COLOURS, SOLVERS, named};
 use gonio_app::regions::{self, Regions};
 use gonio_app::{
     Alignment, AppError, ColourMode, EnvironmentSource, InferenceResult, KnownLight, Method, MirrorBall, ProgressLog,
@@ -15,7 +16,7 @@ use gonio_app::{
 };
 use gonio_io::colour_space::ColourSpace;
 use gonio_io::result;
-use gonio_paper::{PaperMethod, PaperSettings, Solver};
+use gonio_paper::{PaperMethod, PaperSettings};
 use gonio_report::panels::Panels;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -54,11 +55,11 @@ pub(crate) struct InferSettings<'py> {
 
 impl InferSettings<'_> {
     /// Returns the method from names that the package has checked.
-    fn method(&self) -> PyResult<Result<Method, AppError>> {
-        let solver = if self.solver == "printed" { Solver::Printed } else { Solver::Blocks };
+    fn method(&self, py: Python<'_>) -> PyResult<Method> {
+        let to_error = |error: AppError| raise(&error, py);
         let search = PaperSettings {
             method: if self.method == "joint-map" { PaperMethod::JointMap } else { PaperMethod::Variational },
-            solver,
+            solver: named("solver", &self.solver, SOLVERS).map_err(to_error)?,
             starts: self.starts,
             seed: self.seed,
             as_printed: self.method == "paper",
@@ -69,29 +70,23 @@ impl InferSettings<'_> {
             None => None,
             Some(PictureArg::File(path)) => Some(Source::File(path.clone())),
             Some(PictureArg::Array(rgb) | PictureArg::WithAlpha((rgb, _))) => {
-                match EnvironmentMap::new(self.in_working_space(arrays::colours(rgb)?)) {
-                    Ok(map) => Some(Source::Memory(map)),
-                    Err(error) => return Ok(Err(AppError::of("the light", error))),
-                }
+                let map = EnvironmentMap::new(self.in_working_space(arrays::colours(rgb)?));
+                Some(Source::Memory(map.map_err(|error| to_error(AppError::of("the light", error)))?))
             }
         };
-        let alignment = match self.align_light.as_str() {
-            "vertical" => Alignment::Vertical,
-            "fixed" => Alignment::Fixed,
-            _ => Alignment::Small,
-        };
+        let alignment = named("align_light", &self.align_light, ALIGNMENTS).map_err(to_error)?;
         if let Some((x, y, radius)) = self.mirror_ball {
             let ball = MirrorBall {
                 circle: Circle { x, y, radius },
                 reflectance: self.mirror_reflectance.unwrap_or([1.0; 3]),
             };
-            return Ok(Ok(Method::KnownLight(KnownLight {
+            return Ok(Method::KnownLight(KnownLight {
                 map: EnvironmentSource::MirrorBall(ball),
                 alignment: Alignment::Fixed,
                 absolute: self.mirror_reflectance.is_some(),
-            })));
+            }));
         }
-        Ok(match (self.method.as_str(), map) {
+        match (self.method.as_str(), map) {
             ("known-light", Some(map)) => Ok(Method::KnownLight(KnownLight {
                 map: EnvironmentSource::Map(map),
                 alignment,
@@ -100,8 +95,11 @@ impl InferSettings<'_> {
             ("known-light-basis", Some(map)) => Ok(Method::KnownLightBasis(search, map)),
             ("learnt", _) => Ok(Method::Learnt),
             ("variational" | "paper" | "joint-map", _) => Ok(Method::Paper(search)),
-            (other, _) => Err(AppError::new(format!("method {other:?}: unknown method, or its light is missing"))),
-        })
+            (other, _) => {
+                let problem = format!("method {other:?}: unknown method, or its light is missing");
+                Err(to_error(AppError::new(problem)))
+            }
+        }
     }
 
     /// Returns the colour spaces from names that the package has checked.
@@ -125,16 +123,11 @@ impl InferSettings<'_> {
     }
 
     fn colours(&self) -> Result<ColourMode, AppError> {
-        let problem = |text: &str| Err(AppError::new(text));
-        match (self.color.as_str(), self.light_color) {
-            ("estimate", None) => Ok(ColourMode::Estimate),
-            ("estimate", Some(rgb)) => {
-                ColourMode::under(rgb).map_or_else(|| problem("light_color: must be three positive linear numbers"), Ok)
-            }
-            (_, Some(_)) => problem("light_color requires color=\"estimate\""),
-            ("median", None) => Ok(ColourMode::Median),
-            ("none", None) => Ok(ColourMode::Grey),
-            (other, None) => problem(&format!("color {other:?}: must be \"estimate\", \"median\" or \"none\"")),
+        match (named("color", &self.color, COLOURS)?, self.light_color) {
+            (color, None) => Ok(color),
+            (ColourMode::Estimate, Some(rgb)) => ColourMode::under(rgb)
+                .ok_or_else(|| AppError::new("light_color: must be three positive linear numbers")),
+            (_, Some(_)) => Err(AppError::new("light_color requires color=\"estimate\"")),
         }
     }
 }
@@ -164,7 +157,7 @@ fn work_on<T: Send + 'static>(
     infer: impl FnOnce((&Known, &str), &gonio_app::Settings<'_>, &ProgressLog<'_>) -> Result<T, AppError> + Send + 'static,
 ) -> PyResult<T> {
     let (known, name) = (model.get().model.clone(), model.get().name.clone());
-    let method = settings.method()?.map_err(|error| raise(&error, py))?;
+    let method = settings.method(py)?;
     let colours = settings.colours().map_err(|error| raise(&error, py))?;
     let spaces = settings.spaces();
     let InferSettings { grid: side, shadows, pictures, report, .. } = settings;

@@ -55,7 +55,7 @@ mod _gonio {
 
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
-        super::error::keep_panics_quiet();
+        gonio_app::panics::record();
         module.add("__version__", env!("CARGO_PKG_VERSION"))
     }
 }

@@ -5,10 +5,10 @@ use std::sync::Arc;
 
 use gonio::lighting::EnvironmentMap;
 use gonio::reflectance::BivariateTable;
-use gonio::sphere::OctahedralMap;
 use gonio_app::AppError;
+use gonio_app::names::{CHANNELS, MAPPINGS, named};
 use gonio_app::training::{
-    self, Channel, LightingSettings, Lights, Materials, PosteriorSettings, ReflectanceSettings, Resumption,
+    self, LightingSettings, Lights, Materials, PosteriorSettings, ReflectanceSettings, Resumption,
 };
 use gonio_io::model::{
     decode_lighting, decode_posterior, decode_reflectance, encode_lighting, encode_posterior, encode_reflectance,
@@ -63,20 +63,6 @@ impl GivenMaterials<'_> {
     }
 }
 
-fn channel(name: &str) -> Result<Channel, AppError> {
-    Ok(match name {
-        "red" => Channel::Red,
-        "green" => Channel::Green,
-        "blue" => Channel::Blue,
-        "luminance" => Channel::Luminance,
-        _ => {
-            return Err(AppError::new(format!(
-                "channel {name:?}: must be \"red\", \"green\", \"blue\" or \"luminance\""
-            )));
-        }
-    })
-}
-
 /// Settings for learning the light prior.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
@@ -102,11 +88,7 @@ pub(crate) fn train_lighting(
     let lights = lights.take()?;
     let (bytes, provenance) = work::run(py, listeners, move |reporter| {
         let LightingOptions { grid, mapping, rotations, cap, seed } = options;
-        let map = match mapping.as_str() {
-            "equal-area" => OctahedralMap::EqualArea,
-            "praun-hoppe" => OctahedralMap::PraunHoppe,
-            _ => return Err(AppError::new(format!("mapping {mapping:?}: must be \"equal-area\" or \"praun-hoppe\""))),
-        };
+        let map = named("mapping", &mapping, MAPPINGS)?;
         if !(1..=64).contains(&rotations) {
             return Err(AppError::new(format!("rotations {rotations}: must be from 1 to 64")));
         }
@@ -143,7 +125,7 @@ pub(crate) fn train_reflectance(
         let default = ReflectanceSettings::default();
         let settings = ReflectanceSettings {
             rank: options.rank,
-            channel: channel(&options.channel)?,
+            channel: named("channel", &options.channel, CHANNELS)?,
             starts: options.starts.unwrap_or(default.starts),
             seed: options.seed,
         };
@@ -182,7 +164,7 @@ pub(crate) fn train_posterior(
         let initial = |model: &Py<Model>| training::initial(&model.get().model, &model.get().name);
         let settings = PosteriorSettings {
             initial: options.initial.as_ref().map(initial).transpose()?,
-            channel: channel(&options.channel)?,
+            channel: named("channel", &options.channel, CHANNELS)?,
             views: options.views.unwrap_or(default.views),
             group_materials: options.group_materials.unwrap_or(default.group_materials),
             steps: options.steps.unwrap_or(default.steps),

@@ -23,12 +23,22 @@ def materials() -> dict[str, gonio.Brdf]:
     return {"matt": make(0.3, 0.6), "satin": make(0.2, 0.3), "gloss": make(0.05, 0.15)}
 
 
-def test_a_trained_model_can_be_used(small, tmp_path):
-    told = []
-    lighting = gonio.train_lighting(lights(), grid=16, rotations=2, progress=lambda stage, x: told.append(stage))
-    basis = gonio.train_reflectance(materials(), rank=2, starts=2)
-    posterior = gonio.train_posterior(lights()[:1], materials(), views=1, group_materials=4, steps=2)
-    assert told and set(told) == {"reading lights"}
+@pytest.fixture(scope="module")
+def lighting() -> gonio.ModelPart:
+    return gonio.train_lighting(lights(), grid=16, rotations=2)
+
+
+@pytest.fixture(scope="module")
+def basis() -> gonio.ModelPart:
+    return gonio.train_reflectance(materials(), rank=2, starts=2)
+
+
+@pytest.fixture(scope="module")
+def posterior() -> gonio.ModelPart:
+    return gonio.train_posterior(lights()[:1], materials(), views=1, group_materials=4, steps=2)
+
+
+def test_a_trained_model_can_be_used(small, tmp_path, lighting, basis, posterior):
     assert "3 maps" in lighting.provenance and set(basis.errors) == {"matt", "satin", "gloss"}
     model = gonio.train_model(lighting, basis, posterior)
     assert model.has_posterior and model.largest_grid == 16 and "3 materials" in model.provenance
@@ -41,16 +51,37 @@ def test_a_trained_model_can_be_used(small, tmp_path):
     assert pickle.loads(pickle.dumps(found)).draw(2).shape == (2, 90, 90)
     # The untrained parts are those of the embedded model.
     assert gonio.train_model(posterior=posterior).largest_grid == gonio.Model.embedded().largest_grid
-    again = gonio.train_posterior(lights()[:1], materials(), views=1, group_materials=2, steps=1, initial=model)
-    assert again.provenance.endswith(f"from the network of: {posterior.provenance}")
+
+
+def test_colours_of_a_model_are_trained_again(small, lighting, basis, posterior):
+    model = gonio.train_model(lighting, basis, posterior)
     recoloured = gonio.train_colours(lights()[:2], materials(), model=model)
     assert recoloured.provenance != model.provenance
     assert recoloured.provenance.endswith("from 3 materials in 2 maps")
     assert gonio.infer(small, model=recoloured, grid=8, pictures=False, force=True).result["model"]["provenance"] == recoloured.provenance
+
+
+# The fit to the embeddings of the model takes a minute, whatever the number of steps.
+@pytest.mark.slow
+def test_a_training_begins_with_a_model(posterior):
+    again = gonio.train_posterior(lights()[:1], materials(), views=1, group_materials=2, steps=1, initial=gonio.train_model(posterior=posterior))
+    assert again.provenance.endswith(f"from the network of: {posterior.provenance}")
+
+
+def test_refuses_models_without_a_posterior(small, lighting, basis):
+    model = gonio.train_model(lighting, basis)
     with pytest.raises(gonio.GonioError, match="model: has no posterior of materials, which the colour model requires"):
-        gonio.train_colours(lights()[:1], materials(), model=gonio.train_model(lighting, basis))
+        gonio.train_colours(lights()[:1], materials(), model=model)
     with pytest.raises(gonio.GonioError, match="the model: has no posterior of materials"):
-        gonio.infer(small, model=gonio.train_model(lighting, basis), grid=8, pictures=False)
+        gonio.infer(small, model=model, grid=8, pictures=False)
+    with pytest.raises(gonio.GonioError, match="no posterior"):
+        gonio.train_posterior(lights()[:1], materials(), views=1, group_materials=2, steps=1, initial=model)
+
+
+def test_progress_of_a_training_is_reported():
+    told = []
+    gonio.train_lighting(lights(), grid=8, rotations=1, progress=lambda stage, x: told.append(stage))
+    assert told and set(told) == {"reading lights"}
 
 
 def test_trains_from_folders_and_files(tmp_path):

@@ -72,19 +72,8 @@ pub(crate) fn solve(
             let mut document = document::new(settings.method.name());
             document::set_known_light(&mut document, &found, known, linear);
             let KnownLightEstimate { material, misfit, colouring, .. } = found;
-            let table = material.table.clone();
-            let material = Some(material);
-            Ok(MethodResult {
-                table,
-                scale,
-                material,
-                light: None,
-                known_light,
-                residual: ("misfit", misfit),
-                colouring,
-                document,
-                fits: None,
-            })
+            let of_table = MethodResult::new(material.table.clone(), ("misfit", misfit), colouring, document);
+            Ok(MethodResult { scale, material: Some(material), known_light, ..of_table })
         }
         (Method::Learnt, _) => {
             let estimate_settings = settings.estimate(*rule);
@@ -110,23 +99,24 @@ pub(crate) fn solve(
             let paper::PaperResult { table, light, noise, mut document } = found;
             let light = light.map(|grid| grid.coloured(colouring.light()));
             document.settings.linear = Some(linear);
-            let known_light = known_light.clone();
-            Ok(MethodResult {
-                table,
-                scale: 1.0,
-                material: None,
-                light,
-                known_light,
-                residual: ("noise", noise),
-                colouring,
-                document,
-                fits: None,
-            })
+            let of_table = MethodResult::new(table, ("noise", noise), colouring, document);
+            Ok(MethodResult { light, known_light: known_light.clone(), ..of_table })
         }
     }
 }
 
 impl MethodResult {
+    /// Creates a result with a scale of 1 and without a light, uncertainty and fits.
+    fn new(
+        table: BivariateTable,
+        residual: (&'static str, f64),
+        colouring: Colouring,
+        document: ResultDocument,
+    ) -> Self {
+        let (material, light, known_light, fits) = (None, None, None, None);
+        Self { table, scale: 1.0, material, light, known_light, residual, colouring, document, fits }
+    }
+
     /// Converts an estimate under unknown light; its diagnostics become warnings about the
     /// photograph `image`. `linear` is true if integer values were read as linear radiance.
     pub(crate) fn blind(
@@ -143,17 +133,8 @@ impl MethodResult {
         document::set_estimate(&mut document, &found, settings, linear);
         let light = found.light_in_colour();
         let Estimate { material, light: Light { misfit, .. }, colouring, .. } = found;
-        Self {
-            table: material.table.clone(),
-            scale: 1.0,
-            material: Some(material),
-            light: Some(light),
-            known_light: None,
-            residual: ("misfit", misfit),
-            colouring,
-            document,
-            fits: None,
-        }
+        let of_table = Self::new(material.table.clone(), ("misfit", misfit), colouring, document);
+        Self { material: Some(material), light: Some(light), ..of_table }
     }
 
     /// Scales the estimate by the reference in the photograph, if the reference determines a scale.

@@ -20,7 +20,9 @@ fn new_results_replace_earlier_results() {
         assert!(before.iter().any(|n| n == name), "{name} in {before:?}");
     }
     // The paper's method estimates neither quantiles nor a posterior of materials.
-    bench.run_with_pictures("infer ball.exr -o out --grid 8 --method variational --starts 1").succeeds();
+    bench
+        .run_with_pictures("infer ball.exr -o out --grid 8 --method variational --starts 1 --all-observations")
+        .succeeds();
     let after = ["brdf.npz", "export", "light.exr", "notes.txt", "relit.png", "result.json", "summary.png"];
     assert_eq!(bench.names("out"), after);
     assert_eq!(bench.names("out/export"), ["scene.blend"]);
@@ -131,7 +133,7 @@ fn the_next_run_removes_output_of_a_killed_run() {
     let mut child = started(&bench, &format!("{LONG} out"), ".");
     // A concurrent run keeps a hidden folder that is in use.
     bench.write_answer("done");
-    bench.run("export done -o other --to ward").succeeds();
+    bench.run("export done -o other --to ward --draws 0").succeeds();
     assert_eq!(hidden(&bench, ".").len(), 1);
     assert_eq!(told(&mut child, "-KILL"), Some(9));
     assert_eq!(hidden(&bench, ".").len(), 1);

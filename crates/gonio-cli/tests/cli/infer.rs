@@ -61,7 +61,9 @@ fn joint_map_writes_to_an_existing_folder() {
     bench.write("out/result.json", b"old");
     bench.write("out/notes", b"kept");
     bench
-        .run_with_pictures("infer ball.exr -o out --starts 1 --grid 8 --method joint-map --normals normals.npy")
+        .run_with_pictures(
+            "infer ball.exr -o out --starts 1 --grid 8 --all-observations --method joint-map --normals normals.npy",
+        )
         .succeeds();
     assert_eq!(bench.names("out").len(), OUTPUT.len() + 1);
     assert_eq!(bench.read("out/notes"), b"kept");

@@ -219,8 +219,6 @@ fn rejects_invalid_brackets() {
     bench.write("hdr.exr", &exr(scene));
     let mirrored = Plane::from_fn(SIDE, SIDE, |x, y| scene.rgb[(SIDE - 1 - x, y)]);
     bench.write("mirrored.png", &png(&expose(&mirrored, 0.125), Some(exif(8, 1, Some(1)))));
-    bench.write("short.jpg", &bench.read("3.jpg")[..600]);
-    bench.write("falls.csv", b"0,1\n1,0\n");
     bench.write("full.csv", b"x");
     for (files, message) in [
         (
@@ -232,15 +230,12 @@ fn rejects_invalid_brackets() {
         ("2.png small.png", &["small.png: has 64x32 pixels, but 2.png has 128x128"]),
         ("2.png hdr.exr", &["hdr.exr: contains radiance"]),
         ("2.png none.png", &["none.png: cannot open"]),
-        ("2.jpg short.jpg", &["short.jpg: is a truncated JPEG file"]),
         ("2.png 3.png --times 1", &["3.png: has no time"]),
         ("2.png 3.png --times 1,2,3", &["3 times are specified"]),
-        ("2.png 3.png --times 1,x", &["--times"]),
         ("2.png 3.png --times 1,0", &["--times"]),
         ("2.png 3.png --times 1/32,1 --response curve.csv", &["contradict their times"]),
         ("2.png 4.png mirrored.png --response curve.csv", &["2.png and 2 more: ", "exposures"]),
         ("2.png 3.png --response none.csv", &["none.csv: cannot open"]),
-        ("2.png 3.png --response falls.csv", &["falls.csv: is not a response curve", "falls"]),
         ("2.png 2.png", &["the exposures have the same time", "--response"]),
         ("2.png 3.png --response srgb --black-level 5", &["black level"]),
         ("2.png 3.png --linear --black-level 300", &["black level 300"]),

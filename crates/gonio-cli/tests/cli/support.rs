@@ -105,9 +105,10 @@ impl Bench {
         self.run_with(line, &[])
     }
 
-    /// Runs the program as [`Self::run`] does, but with pictures.
+    /// Runs the program as [`Self::run`] does, but with pictures, and with a thread for each core.
     pub(crate) fn run_with_pictures(&self, line: &str) -> Run {
-        Run::of(&self.command(line).env_remove("GONIO_NO_PICTURES").output().unwrap())
+        let mut command = self.command(line);
+        Run::of(&command.env_remove("GONIO_NO_PICTURES").env_remove("RAYON_NUM_THREADS").output().unwrap())
     }
 
     /// Runs the program with environment variables.
@@ -126,6 +127,8 @@ impl Bench {
         command
             .args(line.split_whitespace())
             .current_dir(self.0.path())
+            // The tests run in parallel. One thread for each process is faster than several.
+            .env("RAYON_NUM_THREADS", "1")
             // Pictures and report take longer than everything else; the tests of both enable them,
             // and tools/nightly.sh enables the pictures of all tests.
             .env("GONIO_NO_REPORT", "true")

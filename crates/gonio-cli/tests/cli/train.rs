@@ -50,7 +50,8 @@ fn trains_joins_and_uses_a_model() {
         "infer ball.exr -o out --normals normals.npy --model joined.model --grid 8",
         &["joined.model: has no posterior of materials", "gonio train posterior"],
     );
-    let infer = "infer ball.exr -o out --method variational --starts 1 --normals normals.npy --model";
+    let infer =
+        "infer ball.exr -o out --method variational --starts 1 --all-observations --normals normals.npy --model";
     bench.run(&format!("{infer} joined.model --grid 8")).succeeds();
     let result = bench.json("out/result.json");
     assert_eq!(result["reflectance"]["coefficients"].as_array().unwrap().len(), 2);

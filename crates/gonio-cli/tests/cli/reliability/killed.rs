@@ -4,6 +4,9 @@ use std::process::Stdio;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+
 use super::{Files, Job, Kind, ROWS, Undisturbed, job, leftovers, same, whole_or_absent, written};
 use crate::support::Bench;
 
@@ -13,21 +16,10 @@ const MANY: usize = 50;
 /// Environment variable with the seed of the random times, an integer.
 const SEED: &str = "GONIO_TEST_SEED";
 
-/// Reproducible random numbers in 0..=1 (SplitMix64), which determine the times.
-struct Moments(u64);
-
-impl Moments {
-    fn of(job: &Job) -> Self {
-        let seed = std::env::var(SEED).map_or(0, |seed| seed.parse().expect("the seed is an integer"));
-        Self((seed << 32) + job.line.len() as u64)
-    }
-
-    fn next(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        (z ^ (z >> 31)) as f64 / u64::MAX as f64
-    }
+/// Returns reproducible random numbers, which determine the times.
+fn random_numbers(job: &Job) -> Pcg64 {
+    let seed = std::env::var(SEED).map_or(0, |seed| seed.parse().expect("the seed is an integer"));
+    Pcg64::seed_from_u64((seed << 32) + job.line.len() as u64)
 }
 
 /// Numbers of runs of a job by their end.
@@ -64,11 +56,11 @@ fn kill(job: &Job, moments: usize) {
     let bench = job.bench();
     let Undisturbed { files: whole, time } = job.undisturbed();
     let mut time = *time;
-    let (mut stream, mut ends) = (Moments::of(job), Ends::default());
+    let (mut rng, mut ends) = (random_numbers(job), Ends::default());
     let output = job.output("out");
     while ends.killed < moments {
         let (low, high) = if ends.killed % 2 == 0 { (0.0, 1.0) } else { (0.67, 1.05) };
-        let part = low + (high - low) * stream.next();
+        let part = rng.random_range(low..=high);
         let ended = kill_after(&bench, &job.to("out"), time.mul_f64(part));
         let there = match job.kind {
             Kind::Batch => rows_are_whole(&bench, whole) == ROWS.len(),

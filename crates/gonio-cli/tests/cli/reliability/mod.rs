@@ -76,7 +76,7 @@ pub(crate) const JOBS: [Job; 7] = [
     Job { name: "infer", line: "infer ball.exr --grid 8 -o OUT", kind: Kind::Folder, inputs: ball },
     Job {
         name: "infer_paper",
-        line: "infer ball.exr --normals normals.npy --method variational --starts 1 --grid 8 -o OUT",
+        line: "infer ball.exr --normals normals.npy --method variational --starts 1 --all-observations --grid 8 -o OUT",
         kind: Kind::Folder,
         inputs: ball,
     },

@@ -5,11 +5,12 @@
 #
 # 1. the fit of all measured materials against Cook-Torrance (requires GONIO_DATA);
 # 2. kills, small disks, crowds of processes, and threads (the ignored tests of gonio-cli);
-# 3. the interactive sphere of the report against brute-force integration, in Chromium;
-# 4. the page that infers in a browser, in Chromium;
-# 5. the Blender add-on in Blender;
-# 6. the tutorial and the slow tests of the Python package;
-# 7. each fuzz target for SECONDS (60 by default; requires a nightly toolchain).
+# 3. the feature `raw`, on a DNG that its test writes;
+# 4. the interactive sphere of the report against brute-force integration, in Chromium;
+# 5. the page that infers in a browser, in Chromium;
+# 6. the Blender add-on in Blender;
+# 7. the tutorial and the slow tests of the Python package;
+# 8. each fuzz target for SECONDS (60 by default; requires a nightly toolchain).
 #
 # Run .ci/run first, which installs the packages.
 set -euo pipefail
@@ -29,6 +30,11 @@ fi
 
 echo "== reliability"
 GONIO_NO_PICTURES=0 cargo test -p gonio-cli -p shared-features --test cli -- --ignored reliability
+
+echo "== raw"
+# gonio-io is compiled once more, so without optimisation.
+cargo test -p gonio-io -p shared-features --features gonio-io/raw --test io \
+    --config profile.dev.package.gonio-io.opt-level=0 raw::
 
 echo "== interactive sphere"
 python="${MITSUBA_VENV:-$PWD/target/mitsuba-venv}"

@@ -16,20 +16,14 @@ const MIN_SCATTER: f32 = 0.001;
 /// have that many observations. Returns `None` if there is no such size.
 pub fn scatter(samples: &[Sample]) -> Option<f32> {
     for side in [DISK_SIDE, DISK_SIDE / 2, DISK_SIDE / 4, DISK_SIDE / 8] {
-        let mut order: Vec<(u32, u32)> = Vec::with_capacity(samples.len());
         let cells = side as f32 * 0.5;
-        for (at, s) in samples.iter().enumerate() {
-            if s.weight > 0.0 && s.x * s.x + s.y * s.y <= RIM * RIM {
-                let place = |v: f32| (((v + 1.0) * cells) as usize).min(side - 1);
-                order.push(((place(-s.y) * side + place(s.x)) as u32, at as u32));
-            }
-        }
-        order.sort_unstable();
-        let mut variances: Vec<f32> = order
-            .chunk_by(|a, b| a.0 == b.0)
-            .filter(|patch| patch.len() >= PATCH)
-            .filter_map(|patch| about_plane(patch.iter().map(|(_, at)| &samples[*at as usize])))
-            .collect();
+        let place = |v: f32| (((v + 1.0) * cells) as usize).min(side - 1);
+        let used = || samples.iter().filter(|s| s.weight > 0.0 && s.x * s.x + s.y * s.y <= RIM * RIM);
+        let mut patches = vec![Patch::default(); side * side];
+        used().for_each(|s| patches[place(-s.y) * side + place(s.x)].add_to_sums(s));
+        used().for_each(|s| patches[place(-s.y) * side + place(s.x)].add_to_moments(s));
+        let large = patches.iter().filter(|patch| patch.count >= PATCH as f64);
+        let mut variances: Vec<f32> = large.filter_map(Patch::variance).collect();
         if variances.len() * 4 >= (0.76 * (side * side) as f32) as usize && !variances.is_empty() {
             return quantile(&mut variances, 0.5).map(|median| median.sqrt().max(MIN_SCATTER));
         }
@@ -37,29 +31,44 @@ pub fn scatter(samples: &[Sample]) -> Option<f32> {
     None
 }
 
-/// Returns the variance about a least-squares plane over the squared mean; `None` for black
-/// patches.
-fn about_plane<'a>(patch: impl Iterator<Item = &'a Sample> + Clone) -> Option<f32> {
-    let count = patch.clone().count() as f64;
-    let mean = |f: &dyn Fn(&Sample) -> f32| patch.clone().map(|s| f64::from(f(s))).sum::<f64>() / count;
-    let (x, y, value) = (mean(&|s| s.x), mean(&|s| s.y), mean(&|s| s.value));
-    let (mut xx, mut xy, mut yy, mut xv, mut yv, mut vv) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
-    for s in patch {
-        let (a, b, c) = (f64::from(s.x) - x, f64::from(s.y) - y, f64::from(s.value) - value);
-        xx += a * a;
-        xy += a * b;
-        yy += b * b;
-        xv += a * c;
-        yv += b * c;
-        vv += c * c;
+/// Sums over the observations of a patch of the disk.
+#[derive(Clone, Default)]
+struct Patch {
+    count: f64,
+    /// Sums of `x`, `y` and the value.
+    sums: [f64; 3],
+    /// Sums of the products of the deviations from the means, in the order xx, xy, yy, xv, yv, vv.
+    moments: [f64; 6],
+}
+
+impl Patch {
+    fn add_to_sums(&mut self, sample: &Sample) {
+        self.count += 1.0;
+        let values = [sample.x, sample.y, sample.value];
+        self.sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += f64::from(value));
     }
-    let determinant = xx * yy - xy * xy;
-    let explained = if determinant > 1e-9 * (xx + yy).powi(2) {
-        (yy * xv * xv - 2.0 * xy * xv * yv + xx * yv * yv) / determinant
-    } else {
-        0.0
-    };
-    (value > 0.0).then(|| (((vv - explained).max(0.0) / (count - 3.0)) / (value * value)) as f32)
+
+    /// Adds an observation after all of them have been added to the sums.
+    fn add_to_moments(&mut self, sample: &Sample) {
+        let [x, y, v] = self.sums.map(|sum| sum / self.count);
+        let (a, b, c) = (f64::from(sample.x) - x, f64::from(sample.y) - y, f64::from(sample.value) - v);
+        let products = [a * a, a * b, b * b, a * c, b * c, c * c];
+        self.moments.iter_mut().zip(products).for_each(|(sum, product)| *sum += product);
+    }
+
+    /// Returns the variance about a least-squares plane over the squared mean; `None` for a black
+    /// patch.
+    fn variance(&self) -> Option<f32> {
+        let value = self.sums[2] / self.count;
+        let [xx, xy, yy, xv, yv, vv] = self.moments;
+        let determinant = xx * yy - xy * xy;
+        let explained = if determinant > 1e-9 * (xx + yy).powi(2) {
+            (yy * xv * xv - 2.0 * xy * xv * yv + xx * yv * yv) / determinant
+        } else {
+            0.0
+        };
+        (value > 0.0).then(|| (((vv - explained).max(0.0) / (self.count - 3.0)) / (value * value)) as f32)
+    }
 }
 
 #[cfg(test)]

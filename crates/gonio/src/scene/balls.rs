@@ -2,7 +2,7 @@
 
 use super::background::plain_coverage;
 use super::ball_detection::{REDUCED_SIDE, detect_ball, is_crisp, on_edges};
-use super::components::{components, flood};
+use super::components::{Component, components};
 use super::edges::Edges;
 use super::small::Small;
 use super::{Circle, OutlineReliability, SceneError, coverage_of, find_sphere};
@@ -51,8 +51,8 @@ pub fn outline_of_ball(
 pub fn separate_balls(picture: &Picture, mask: Option<&Plane<f32>>) -> Vec<Plane<f32>> {
     let size = picture.rgb.size();
     let alone = |coverage: &Plane<f32>| -> Vec<Plane<f32>> {
-        let seeds = if coverage.size() == size { parts(coverage, MIN_BALL.1) } else { Vec::new() };
-        seeds.into_iter().map(|seed| own(coverage, seed)).collect()
+        let parts = if coverage.size() == size { parts(coverage, MIN_BALL.1) } else { Vec::new() };
+        parts.iter().map(|part| soft(coverage, part)).collect()
     };
     let given = mask.is_some() || picture.varying_alpha().is_some();
     let known = coverage_of(picture, mask).map(|coverage| alone(&coverage)).unwrap_or_default();
@@ -74,31 +74,23 @@ pub fn separate_balls(picture: &Picture, mask: Option<&Plane<f32>>) -> Vec<Plane
 /// [`SceneError::Several`] with all objects that have at least a fifth of the pixels of the
 /// largest.
 pub(super) fn single(coverage: &Plane<f32>, ball: impl Fn(&Plane<f32>) -> Option<Circle>) -> Result<(), SceneError> {
-    let seeds = parts(coverage, SECOND);
-    if seeds.len() < 2 {
+    let parts = parts(coverage, SECOND);
+    if parts.len() < 2 {
         return Ok(());
     }
-    Err(SceneError::Several { objects: seeds.into_iter().map(|seed| extent(&own(coverage, seed), &ball)).collect() })
+    Err(SceneError::Several { objects: parts.iter().map(|part| extent(&soft(coverage, part), &ball)).collect() })
 }
 
-/// Returns one pixel of each connected part, by decreasing size of the part.
+/// Returns the connected parts by decreasing size.
 ///
 /// Parts with less than `share` of the pixels of the largest are omitted.
-fn parts(coverage: &Plane<f32>, share: f64) -> Vec<(usize, usize)> {
-    let all = components(coverage.size(), true, |at| coverage[at] >= 0.5);
-    let mut parts: Vec<(usize, (usize, usize))> =
-        all.map(|part| (part.len(), part[0])).filter(|(count, _)| *count >= MIN_BALL.0).collect();
-    parts.sort_by_key(|(count, _)| std::cmp::Reverse(*count));
-    let largest = parts.first().map_or(0, |(count, _)| *count) as f64;
-    parts.retain(|(count, _)| *count as f64 >= share * largest);
-    parts.into_iter().map(|(_, seed)| seed).collect()
-}
-
-/// Returns the coverage of the part that contains a pixel.
-fn own(coverage: &Plane<f32>, seed: (usize, usize)) -> Plane<f32> {
-    let mut own = coverage.map(|_| false);
-    flood(&mut own, [seed], true, |at| coverage[at] >= 0.5);
-    soft(coverage, &own)
+fn parts(coverage: &Plane<f32>, share: f64) -> Vec<Component> {
+    let mut parts = components(coverage.size(), true, |at| coverage[at] >= 0.5);
+    parts.retain(|part| part.len() >= MIN_BALL.0);
+    parts.sort_by_key(|part| std::cmp::Reverse(part.len()));
+    let largest = parts.first().map_or(0, Component::len) as f64;
+    parts.retain(|part| part.len() as f64 >= share * largest);
+    parts
 }
 
 fn extent(of: &Plane<f32>, ball: impl Fn(&Plane<f32>) -> Option<Circle>) -> Extent {
@@ -111,14 +103,11 @@ fn extent(of: &Plane<f32>, ball: impl Fn(&Plane<f32>) -> Option<Circle>) -> Exte
     Extent { from, to, circle: ball(of) }
 }
 
-/// Returns the coverage on and near a set of pixels, zero elsewhere.
-fn soft(coverage: &Plane<f32>, own: &Plane<bool>) -> Plane<f32> {
-    let (width, height) = coverage.size();
-    Plane::from_fn(width, height, |x, y| {
-        let near = |at: usize, most: usize| at.saturating_sub(SOFT)..(at + SOFT + 1).min(most);
-        let touches = near(y, height).any(|v| near(x, width).any(|u| own[(u, v)]));
-        if touches { coverage[(x, y)] } else { 0.0 }
-    })
+/// Returns the coverage on and near a part, zero elsewhere.
+fn soft(coverage: &Plane<f32>, part: &Component) -> Plane<f32> {
+    let near = part.plane(SOFT, coverage.size());
+    let values = coverage.as_slice().iter().zip(near.as_slice());
+    Plane::from_vec(coverage.width(), coverage.height(), values.map(|(c, near)| if *near { *c } else { 0.0 }).collect())
 }
 
 #[cfg(test)]

@@ -46,9 +46,12 @@ impl Cells {
         (count, is_smooth): (f64, bool),
     ) -> Option<Self> {
         let (mut low, mut high) = ((usize::MAX, usize::MAX), (0, 0));
-        for (x, y) in (0..rgb.height()).flat_map(|y| (0..rgb.width()).map(move |x| (x, y))).filter(|at| usable(*at)) {
-            low = (low.0.min(x), low.1.min(y));
-            high = (high.0.max(x + 1), high.1.max(y + 1));
+        for y in 0..rgb.height() {
+            let is_usable = |x: &usize| usable((*x, y));
+            if let (Some(left), Some(right)) = ((0..rgb.width()).find(is_usable), (0..rgb.width()).rfind(is_usable)) {
+                low = (low.0.min(left), low.1.min(y));
+                high = (high.0.max(right + 1), y + 1);
+            }
         }
         if high == (0, 0) {
             return None;

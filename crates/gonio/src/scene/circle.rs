@@ -109,13 +109,13 @@ fn no_circle(rim: &[DVec2]) -> SceneError {
 /// Returns the largest connected part of a mask, with holes filled, and the points of its rim.
 fn ball_and_rim(coverage: &Plane<f32>) -> Result<(Plane<bool>, Vec<DVec2>), SceneError> {
     let covered = |at: (usize, usize)| coverage[at] >= 0.5;
-    let (component, area) = largest_component(coverage.size(), covered).ok_or(SceneError::EmptyMask)?;
-    let ball = fill_holes(&component);
+    let largest = largest_component(coverage.size(), covered).ok_or(SceneError::EmptyMask)?;
+    let ball = fill_holes(&largest.plane(0, coverage.size()));
     if ball.as_slice().iter().all(|&b| b) {
         return Err(SceneError::MaskEverywhere);
     }
     // The smallest area is a quarter of a disc of the smallest radius, cropped by a picture corner.
-    let equal_area = (area as f64 / PI).sqrt();
+    let equal_area = (largest.len() as f64 / PI).sqrt();
     if equal_area < 0.5 * MIN_BALL_RADIUS {
         return Err(SceneError::TooSmall { radius: equal_area });
     }
@@ -136,9 +136,13 @@ pub(super) fn outline(coverage: &Plane<f32>) -> Result<Vec<DVec2>, SceneError> {
 /// The coverage is interpolated between each pixel of the ball and its neighbours outside.
 fn rim_points(coverage: &Plane<f32>, ball: &Plane<bool>) -> Vec<DVec2> {
     let mut points = Vec::new();
+    let (width, inside) = (ball.width(), ball.as_slice());
     for y in 0..ball.height() {
-        for x in 0..ball.width() {
-            if !ball[(x, y)] {
+        for x in 0..width {
+            let i = y * width + x;
+            let is_row = |i: usize| inside[i - 1] && inside[i + 1];
+            let is_inner = x > 0 && x + 1 < width && y > 0 && y + 1 < ball.height();
+            if !inside[i] || (is_inner && is_row(i) && inside[i - width] && inside[i + width]) {
                 continue;
             }
             let inside = f64::from(coverage[(x, y)]).min(1.0);

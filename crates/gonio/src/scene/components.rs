@@ -1,5 +1,7 @@
 //! Connected components of pixels.
 
+use std::ops::Range;
+
 use crate::picture::Plane;
 
 /// Iterates over the neighbours of a pixel within a plane of `size`: four, or eight with the
@@ -24,89 +26,166 @@ pub(super) fn border((width, height): (usize, usize)) -> impl Iterator<Item = (u
     })
 }
 
-/// Returns the `open` pixels connected to an open pixel `seed`, and marks them as visited. Visited
-/// pixels are closed.
-fn component(
-    seed: (usize, usize),
-    visited: &mut Plane<bool>,
-    diagonals: bool,
-    open: impl Fn((usize, usize)) -> bool,
-) -> Vec<(usize, usize)> {
-    let size = visited.size();
-    let mut part = vec![seed];
-    visited[seed] = true;
-    let mut next = 0;
-    while next < part.len() {
-        for at in neighbours(part[next], size, diagonals) {
-            if !visited[at] && open(at) {
-                visited[at] = true;
-                part.push(at);
+/// A connected set of pixels: runs of pixels in a row, by their first pixels in row-major order.
+pub(super) struct Component {
+    runs: Vec<Run>,
+}
+
+/// Pixels of one row.
+struct Run {
+    row: usize,
+    columns: Range<usize>,
+}
+
+impl Component {
+    /// Returns the number of pixels.
+    pub(super) fn len(&self) -> usize {
+        self.runs.iter().map(|run| run.columns.len()).sum()
+    }
+
+    /// Iterates over the pixels in row-major order.
+    pub(super) fn pixels(&self) -> impl Iterator<Item = (usize, usize)> {
+        self.runs.iter().flat_map(|run| run.columns.clone().map(|x| (x, run.row)))
+    }
+
+    /// Returns a plane in which the pixels at most `reach` rows and columns away are marked.
+    pub(super) fn plane(&self, reach: usize, (width, height): (usize, usize)) -> Plane<bool> {
+        let mut plane = Plane::from_vec(width, height, vec![false; width * height]);
+        self.mark(reach, &mut plane);
+        plane
+    }
+
+    fn mark(&self, reach: usize, plane: &mut Plane<bool>) {
+        let (width, height) = plane.size();
+        for Run { row, columns } in &self.runs {
+            let columns = columns.start.saturating_sub(reach)..(columns.end + reach).min(width);
+            for row in row.saturating_sub(reach)..(row + reach + 1).min(height) {
+                plane.as_mut_slice()[row * width..][columns.clone()].fill(true);
             }
         }
-        next += 1;
     }
-    part
+
+    fn touches_border(&self, (width, height): (usize, usize)) -> bool {
+        let at_border =
+            |run: &Run| run.row == 0 || run.row + 1 == height || run.columns.start == 0 || run.columns.end == width;
+        self.runs.iter().any(at_border)
+    }
 }
 
-/// Iterates over the connected sets of `open` pixels, by their first pixels in row-major order.
+/// Returns the connected sets of `open` pixels, by their first pixels in row-major order.
 ///
-/// The first pixel of a set comes first in it.
+/// Pixels are connected to four neighbours, or to eight with the `diagonals`. Large sets take
+/// little memory and time, because rows are joined run by run (Rosenfeld and Pfaltz 1966).
 pub(super) fn components(
+    (width, height): (usize, usize),
+    diagonals: bool,
+    open: impl Fn((usize, usize)) -> bool,
+) -> Vec<Component> {
+    let (mut runs, mut sets) = (Vec::<Run>::new(), DisjointSets::default());
+    let reach = usize::from(diagonals);
+    let mut above = 0;
+    for row in 0..height {
+        let first = runs.len();
+        let mut x = 0;
+        while x < width {
+            let start = x;
+            while x < width && open((x, row)) {
+                x += 1;
+            }
+            if start < x {
+                let columns = start..x;
+                let own = sets.add();
+                // Runs above that end before this one starts cannot touch later runs either.
+                while above < first && runs[above].columns.end + reach <= start {
+                    above += 1;
+                }
+                let touching = runs[above..first].iter().take_while(|run| run.columns.start < columns.end + reach);
+                (above..).zip(touching).for_each(|(other, _)| sets.join(other, own));
+                runs.push(Run { row, columns });
+            }
+            x += 1;
+        }
+        above = first;
+    }
+    let mut components: Vec<Component> = Vec::new();
+    let mut number = vec![usize::MAX; runs.len()];
+    for (at, run) in runs.into_iter().enumerate() {
+        let root = sets.root(at);
+        if number[root] == usize::MAX {
+            number[root] = components.len();
+            components.push(Component { runs: Vec::new() });
+        }
+        components[number[root]].runs.push(run);
+    }
+    components
+}
+
+/// Disjoint sets of numbers from zero on.
+#[derive(Default)]
+struct DisjointSets {
+    parents: Vec<usize>,
+}
+
+impl DisjointSets {
+    /// Adds a number as a set of its own.
+    fn add(&mut self) -> usize {
+        self.parents.push(self.parents.len());
+        self.parents.len() - 1
+    }
+
+    fn root(&mut self, mut at: usize) -> usize {
+        while self.parents[at] != at {
+            // Halves the path, so that later searches are short.
+            self.parents[at] = self.parents[self.parents[at]];
+            at = self.parents[at];
+        }
+        at
+    }
+
+    fn join(&mut self, one: usize, other: usize) {
+        let (one, other) = (self.root(one), self.root(other));
+        self.parents[one.max(other)] = one.min(other);
+    }
+}
+
+/// Marks the `open` pixels that are connected to the border of the picture through open pixels;
+/// returns them and their number.
+pub(super) fn from_border(
     size: (usize, usize),
     diagonals: bool,
     open: impl Fn((usize, usize)) -> bool,
-) -> impl Iterator<Item = Vec<(usize, usize)>> {
-    let mut visited = Plane::from_fn(size.0, size.1, |_, _| false);
-    let pixels = (0..size.1).flat_map(move |y| (0..size.0).map(move |x| (x, y)));
-    pixels.filter_map(move |seed| {
-        if visited[seed] || !open(seed) {
-            return None;
-        }
-        Some(component(seed, &mut visited, diagonals, &open))
-    })
-}
-
-/// Marks in `reached` all pixels connected to `seeds` through `open` pixels; returns their number.
-pub(super) fn flood(
-    reached: &mut Plane<bool>,
-    seeds: impl IntoIterator<Item = (usize, usize)>,
-    diagonals: bool,
-    open: impl Fn((usize, usize)) -> bool,
-) -> usize {
+) -> (Plane<bool>, usize) {
+    let mut reached = Plane::from_vec(size.0, size.1, vec![false; size.0 * size.1]);
     let mut count = 0;
-    for seed in seeds {
-        if open(seed) && !reached[seed] {
-            count += component(seed, reached, diagonals, &open).len();
-        }
+    for component in components(size, diagonals, open).iter().filter(|component| component.touches_border(size)) {
+        component.mark(0, &mut reached);
+        count += component.len();
     }
-    count
+    (reached, count)
 }
 
-/// Returns the largest 4-connected set of `open` pixels and its number of pixels.
+/// Returns the largest 4-connected set of `open` pixels.
 ///
 /// Among sets of equal size, returns the topmost.
-pub(super) fn largest_component(
-    size: (usize, usize),
-    open: impl Fn((usize, usize)) -> bool,
-) -> Option<(Plane<bool>, usize)> {
-    let larger = |best: Vec<_>, next: Vec<_>| if next.len() > best.len() { next } else { best };
-    let largest = components(size, false, open).reduce(larger)?;
-    let mut component = Plane::from_fn(size.0, size.1, |_, _| false);
-    largest.iter().for_each(|at| component[*at] = true);
-    Some((component, largest.len()))
+pub(super) fn largest_component(size: (usize, usize), open: impl Fn((usize, usize)) -> bool) -> Option<Component> {
+    let larger = |best: Component, next: Component| if next.len() > best.len() { next } else { best };
+    components(size, false, open).into_iter().reduce(larger)
 }
 
 /// Returns `set` with its holes filled.
 ///
 /// Holes are the pixels that cannot be reached from the border of the picture around `set`.
 pub(super) fn fill_holes(set: &Plane<bool>) -> Plane<bool> {
-    let mut around = set.map(|_| false);
-    flood(&mut around, border(set.size()), true, |at| !set[at]);
-    around.map(|reached| !reached)
+    let (mut filled, _) = from_border(set.size(), true, |at| !set[at]);
+    filled.as_mut_slice().iter_mut().for_each(|reached| *reached = !*reached);
+    filled
 }
 
 #[cfg(test)]
 mod tests {
+    use rand::{RngExt, SeedableRng};
+    use rand_pcg::Pcg64;
+
     use super::*;
 
     fn plane(rows: &[&str]) -> Plane<bool> {
@@ -116,12 +195,50 @@ mod tests {
     #[test]
     fn finds_the_largest_component_and_fills_its_holes() {
         let mask = plane(&["#.....", "..###.", "..#.#.", "..###.", "......", "##...#"]);
-        let (component, count) = largest_component(mask.size(), |at| mask[at]).unwrap();
-        assert_eq!(count, 8);
+        let largest = largest_component(mask.size(), |at| mask[at]).unwrap();
+        assert_eq!(largest.len(), 8);
+        let component = largest.plane(0, mask.size());
         assert_eq!(component, plane(&["......", "..###.", "..#.#.", "..###.", "......", "......"]));
+        assert_eq!(largest.plane(1, mask.size()), plane(&[".#####", ".#####", ".#####", ".#####", ".#####", "......"]));
         let filled = fill_holes(&component);
         assert_eq!(filled, plane(&["......", "..###.", "..###.", "..###.", "......", "......"]));
         assert!(largest_component((3, 2), |_| false).is_none());
+    }
+
+    /// Compares random sets with a search from each pixel.
+    #[test]
+    fn components_match_a_search() {
+        let mut rng = Pcg64::seed_from_u64(4);
+        for (case, share) in [0.2, 0.4, 0.5, 0.6, 0.8].into_iter().cycle().take(60).enumerate() {
+            let size = (rng.random_range(1..30), rng.random_range(1..30));
+            let set = Plane::from_fn(size.0, size.1, |_, _| rng.random_bool(share));
+            let diagonals = case % 2 == 0;
+            let mut visited = set.map(|_| false);
+            let mut want = Vec::new();
+            for seed in (0..size.0 * size.1).map(|i| (i % size.0, i / size.0)) {
+                let mut part = if set[seed] && !visited[seed] { vec![seed] } else { continue };
+                visited[seed] = true;
+                let mut next = 0;
+                while next < part.len() {
+                    for at in neighbours(part[next], size, diagonals).filter(|at| set[*at]) {
+                        if !std::mem::replace(&mut visited[at], true) {
+                            part.push(at);
+                        }
+                    }
+                    next += 1;
+                }
+                part.sort_by_key(|(x, y)| (*y, *x));
+                want.push(part);
+            }
+            let got = components(size, diagonals, |at| set[at]);
+            let pixels: Vec<Vec<_>> = got.iter().map(|component| component.pixels().collect()).collect();
+            assert_eq!(pixels, want, "{size:?} {diagonals}");
+            let mut reached = set.map(|_| false);
+            let is_outer = |part: &&Vec<_>| border(size).any(|at| part.contains(&at));
+            want.iter().filter(is_outer).flatten().for_each(|at| reached[*at] = true);
+            let count = reached.as_slice().iter().filter(|reached| **reached).count();
+            assert_eq!(from_border(size, diagonals, |at| set[at]), (reached, count));
+        }
     }
 
     #[test]

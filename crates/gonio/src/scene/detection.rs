@@ -228,11 +228,16 @@ impl Detection {
         });
         let WithoutSpots { rgb, count } = without_spots(&picture.rgb, &used, circle.radius)?;
         let cleaned = Picture { rgb, alpha: picture.alpha.clone() };
-        let observations = Observations::of_sphere(&cleaned, &circle, self.coverage.as_ref(), &self.settings).ok()?;
+        let (coverage, settings) = (self.coverage.as_ref(), &self.settings);
+        let observations = if self.observations.report.converted_pixels > 0 {
+            Observations::of_sphere(&cleaned, &circle, coverage, settings)
+        } else {
+            self.observations.with_values(&cleaned, &circle, coverage, settings)
+        };
         let mut scene_warnings = self.scene_warnings.clone();
         scene_warnings.push(SceneWarning::Spots { count });
         Some(Self {
-            observations,
+            observations: observations.ok()?,
             coverage: self.coverage.clone(),
             shape: self.shape.clone(),
             normals: None,
@@ -325,7 +330,8 @@ impl Detection {
     /// Whether the middle of a pixel lies on the object.
     pub fn contains(&self, x: usize, y: usize) -> bool {
         if let Some(circle) = self.circle() {
-            return (x as f64 + 0.5 - circle.x).hypot(y as f64 + 0.5 - circle.y) < circle.radius;
+            let (dx, dy) = (x as f64 + 0.5 - circle.x, y as f64 + 0.5 - circle.y);
+            return dx * dx + dy * dy < circle.radius * circle.radius;
         }
         let has_normal = |normals: &Plane<Vec3>| normals[(x, y)].is_finite() && normals[(x, y)] != Vec3::ZERO;
         let covered = |coverage: &Plane<f32>| coverage[(x, y)] >= 0.5;

@@ -13,6 +13,7 @@ use super::repair::repaired;
 use super::status::{PixelClassification, classify_pixels};
 use super::{Circle, PixelStatus, SceneError};
 use crate::appearance::Sample;
+use crate::parallel;
 use crate::picture::{Picture, Plane, luminance};
 use crate::shape::Visibility;
 use crate::shape::{Points, SurfacePoint};
@@ -286,40 +287,59 @@ impl Observations {
             return Err(SceneError::BadCircle { x, y, radius, min: MIN_BALL_RADIUS });
         }
         let rgb = &picture.rgb;
-        let (width, height) = rgb.size();
         let coverage = coverage.or(picture.varying_alpha());
         if let Some(coverage) = coverage {
             check_size("mask", coverage.size(), rgb.size())?;
         }
-        // Interpolation reaches less than the diagonal of a pixel beyond the outermost point.
-        let reach = radius * settings.max_angle.sin() + std::f64::consts::SQRT_2;
-        let reach = if settings.max_angle < std::f64::consts::FRAC_PI_2 { reach } else { radius };
-        let region = Plane::from_fn(width, height, |column, row| {
-            let (dx, dy) = ((column as f64 + 0.5 - x).abs(), (row as f64 + 0.5 - y).abs());
-            dx.hypot(dy) <= reach
-                && (dx + 0.5).hypot(dy + 0.5) <= radius
-                && coverage.is_none_or(|coverage| coverage[(column, row)] >= COVERED)
-        });
-        let normal = |(column, row): (usize, usize)| {
-            let (nx, ny) = ((column as f64 + 0.5 - x) / radius, (y - row as f64 - 0.5) / radius);
-            DVec3::new(nx, ny, (1.0 - nx * nx - ny * ny).max(0.0).sqrt()).as_vec3()
-        };
+        let region = sphere_region(rgb.size(), circle, coverage, settings);
+        let normal = |at: (usize, usize)| sphere_normal(circle, at).as_vec3();
         let surface = SurfaceGeometry { normal: &normal, convex: true };
         let mut judged = classify_pixels(rgb, &region, settings, &surface, ObservationReport::default())?;
         let converted = judged.converted.take();
-        let rgb = converted.as_ref().unwrap_or(rgb);
+        Self::of_classified(converted.as_ref().unwrap_or(rgb), circle, settings, judged)
+    }
 
+    /// Samples the same pixels of a sphere in a picture with other values, such as one without
+    /// spots. `self` are observations without converted pixels from [`Self::of_sphere`], with the
+    /// same circle, coverage and settings.
+    ///
+    /// # Errors
+    /// [`SceneError::Black`].
+    pub(super) fn with_values(
+        &self,
+        picture: &Picture,
+        circle: &Circle,
+        coverage: Option<&Plane<f32>>,
+        settings: &ObservationSettings,
+    ) -> Result<Self, SceneError> {
+        let status = |inside: &bool| if *inside { PixelStatus::Used } else { PixelStatus::Outside };
+        let all_used = || {
+            let coverage = coverage.or(picture.varying_alpha());
+            sphere_region(picture.rgb.size(), circle, coverage, settings).map(status)
+        };
+        let statuses = self.statuses.as_deref().cloned().unwrap_or_else(all_used);
+        let albedo_map = self.albedo_map.as_deref().cloned();
+        let judged = PixelClassification { statuses, report: self.report, albedo_map, converted: None };
+        Self::of_classified(&picture.rgb, circle, settings, judged)
+    }
+
+    fn of_classified(
+        rgb: &Plane<Vec3>,
+        circle: &Circle,
+        settings: &ObservationSettings,
+        judged: PixelClassification,
+    ) -> Result<Self, SceneError> {
+        let Circle { x, y, radius } = *circle;
+        let (width, height) = rgb.size();
         let points = sphere_points(settings);
         let pixels: Vec<(f64, f64)> =
             points.iter().map(|p| (x + radius * p.normal.x, y - radius * p.normal.y)).collect();
         let observed = pixels.iter().map(|&at| sample(rgb, &judged.statuses, at)).collect();
-        let dense = (0..width * height)
-            .filter_map(|i| {
-                let value = repaired(rgb, &judged.statuses, i)?;
-                let normal = normal((i % width, i / width)).as_dvec3();
-                Some(Sample::of(normal, f64::from(luminance(value)), 1.0).coloured(value))
-            })
-            .collect();
+        let dense = parallel::flat_map_range(width * height, |i| {
+            let value = repaired(rgb, &judged.statuses, i)?;
+            let normal = sphere_normal(circle, (i % width, i / width)).as_vec3().as_dvec3();
+            Some(Sample::of(normal, f64::from(luminance(value)), 1.0).coloured(value))
+        });
         Ok(Self { dense, ..Self::assemble(points, pixels, observed, judged)? })
     }
 
@@ -373,6 +393,32 @@ impl Observations {
             dense: Vec::new(),
         })
     }
+}
+
+/// Marks the pixels of a sphere within reach of the observed points.
+fn sphere_region(
+    (width, height): (usize, usize),
+    circle: &Circle,
+    coverage: Option<&Plane<f32>>,
+    settings: &ObservationSettings,
+) -> Plane<bool> {
+    let Circle { x, y, radius } = *circle;
+    // Interpolation reaches less than the diagonal of a pixel beyond the outermost point.
+    let reach = radius * settings.max_angle.sin() + std::f64::consts::SQRT_2;
+    let reach = if settings.max_angle < std::f64::consts::FRAC_PI_2 { reach } else { radius };
+    Plane::from_fn(width, height, |column, row| {
+        let (dx, dy) = ((column as f64 + 0.5 - x).abs(), (row as f64 + 0.5 - y).abs());
+        dx * dx + dy * dy <= reach * reach
+            && (dx + 0.5).powi(2) + (dy + 0.5).powi(2) <= radius * radius
+            && coverage.is_none_or(|coverage| coverage[(column, row)] >= COVERED)
+    })
+}
+
+/// Returns the normal of a sphere behind a pixel.
+fn sphere_normal(circle: &Circle, (column, row): (usize, usize)) -> DVec3 {
+    let Circle { x, y, radius } = *circle;
+    let (nx, ny) = ((column as f64 + 0.5 - x) / radius, (y - row as f64 - 0.5) / radius);
+    DVec3::new(nx, ny, (1.0 - nx * nx - ny * ny).max(0.0).sqrt())
 }
 
 /// Interpolates bilinearly at `(x, y)` between the centres of the four nearest pixels.

@@ -88,7 +88,8 @@ struct Score {
 pub(super) fn outliers(rgb: &Plane<Vec3>, region: &Plane<bool>) -> Outliers {
     let Some(detector) = OutlierDetector::new(rgb, region) else { return Outliers::default() };
     let score = |pixel: usize| {
-        let channels = (0..3).map(|channel| detector.score(pixel, channel));
+        let Some(range) = detector.range(pixel) else { return Score { pixel, value: 0.0, bright: false } };
+        let channels = (0..3).map(|channel| detector.score(pixel, channel, range.map(|end| f64::from(end[channel]))));
         let (value, bright) = channels.fold((0.0, false), |most, next| if next.0 > most.0 { next } else { most });
         Score { pixel, value, bright }
     };
@@ -156,20 +157,31 @@ impl<'a> OutlierDetector<'a> {
         window
     }
 
-    /// Returns the second smallest and second largest of the eight values around a pixel, since the
-    /// extremes may be outliers themselves; `None` if too few are known.
-    fn range(&self, pixel: usize, channel: usize) -> Option<(f64, f64)> {
-        let (size, at) = (self.rgb.size(), (pixel % self.rgb.width(), pixel / self.rgb.width()));
-        let (mut lowest, mut low) = (f32::INFINITY, f32::INFINITY);
-        let (mut high, mut highest) = (f32::NEG_INFINITY, f32::NEG_INFINITY);
+    /// Returns the second smallest and second largest of the eight values around a pixel in each
+    /// channel, since the extremes may be outliers themselves; `None` if too few are known.
+    fn range(&self, pixel: usize) -> Option<[Vec3; 2]> {
+        let (rgb, region, width) = (self.rgb.as_slice(), self.region.as_slice(), self.rgb.width());
+        let (mut lowest, mut low) = (Vec3::INFINITY, Vec3::INFINITY);
+        let (mut high, mut highest) = (Vec3::NEG_INFINITY, Vec3::NEG_INFINITY);
         let mut count = 0;
-        for next in neighbours(at, size, true).filter(|next| self.region[*next]) {
-            let value = self.rgb[next][channel];
-            (lowest, low) = (lowest.min(value), low.min(value.max(lowest)));
-            (highest, high) = (highest.max(value), high.max(value.min(highest)));
-            count += 1;
+        let mut add = |next: usize| {
+            if region[next] {
+                let value = rgb[next];
+                (lowest, low) = (lowest.min(value), low.min(value.max(lowest)));
+                (highest, high) = (highest.max(value), high.max(value.min(highest)));
+                count += 1;
+            }
+        };
+        let (size, at) = (self.rgb.size(), (pixel % width, pixel / width));
+        let is_inner = at.0 > 0 && at.1 > 0 && at.0 + 1 < size.0 && at.1 + 1 < size.1;
+        if is_inner {
+            // Most pixels: indices are faster than coordinates.
+            let (above, below) = (pixel - width, pixel + width);
+            [above - 1, above, above + 1, pixel - 1, pixel + 1, below - 1, below, below + 1].into_iter().for_each(add);
+        } else {
+            neighbours(at, size, true).for_each(|(x, y)| add(y * width + x));
         }
-        (count >= MIN_ADJACENT).then(|| (f64::from(low), f64::from(high)))
+        (count >= MIN_ADJACENT).then_some([low, high])
     }
 
     fn predict(&self, window: &Window) -> Option<Prediction> {
@@ -182,11 +194,10 @@ impl<'a> OutlierDetector<'a> {
     /// Returns the score of a channel, and whether the channel is brighter than its neighbours.
     ///
     /// The score is the difference of the channel from its prediction, relative to what noise and
-    /// structure explain. It is zero for a highlight and for a pixel within the range of its
-    /// neighbours.
-    fn score(&self, pixel: usize, channel: usize) -> (f64, bool) {
+    /// structure explain. It is zero for a highlight and for a pixel within the [range](Self::range)
+    /// of its neighbours, from `low` to `high`.
+    fn score(&self, pixel: usize, channel: usize, [low, high]: [f64; 2]) -> (f64, bool) {
         let own = f64::from(self.rgb.as_slice()[pixel][channel]);
-        let Some((low, high)) = self.range(pixel, channel) else { return (0.0, false) };
         let margin = 0.25 * (high - low);
         if own <= high + margin && own >= low - margin {
             return (0.0, false);

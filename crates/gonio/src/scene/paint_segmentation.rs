@@ -185,7 +185,7 @@ fn label(cells: &Cells, stepped: &Plane<bool>) -> (Plane<u32>, Vec<usize>) {
     let mut labels = stepped.map(|_| 0_u32);
     let mut sizes = vec![0];
     for region in components(stepped.size(), false, |at| cells.tones[at].is_some() && !stepped[at]) {
-        region.iter().for_each(|at| labels[*at] = sizes.len() as u32);
+        region.pixels().for_each(|at| labels[at] = sizes.len() as u32);
         sizes.push(region.len());
     }
     (labels, sizes)

@@ -138,7 +138,8 @@ impl Spots {
         let brightest = medians.iter().flatten().copied().fold(0.0, f32::max);
         let differs = |at: (usize, usize)| differences[at].is_some_and(|d| d.abs() > threshold);
         let (mut pixels, mut count) = (Vec::new(), 0);
-        for part in components(size, true, differs) {
+        for component in components(size, true, differs) {
+            let part: Vec<(usize, usize)> = component.pixels().collect();
             if is_spot(&part, &differences, &bright, window, brightest) {
                 pixels.extend(part);
                 count += 1;

@@ -164,10 +164,13 @@ impl Detector<'_> {
 /// Those of the outline of a coverage, for example if it covers nothing or everything.
 fn solid(coverage: &Plane<f32>) -> Result<Plane<bool>, SceneError> {
     outline(coverage)?;
-    let (part, count) = largest_component(coverage.size(), |at| coverage[at] >= 0.5).ok_or(SceneError::NoOutline)?;
+    let largest = largest_component(coverage.size(), |at| coverage[at] >= 0.5).ok_or(SceneError::NoOutline)?;
+    let part = largest.plane(0, coverage.size());
     let mut filled = part.clone();
-    for hole in components(part.size(), true, |at| !part[at]).filter(|hole| 1000 * hole.len() <= count) {
-        hole.into_iter().for_each(|at| filled[at] = true);
+    for hole in components(part.size(), true, |at| !part[at]) {
+        if 1000 * hole.len() <= largest.len() {
+            hole.pixels().for_each(|at| filled[at] = true);
+        }
     }
     Ok(filled)
 }

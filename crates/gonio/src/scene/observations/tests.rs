@@ -153,6 +153,28 @@ fn skips_faulty_pixels_next_to_valid_ones() {
 }
 
 #[test]
+fn other_values_of_the_same_pixels_have_the_same_points() {
+    let mut picture = tilted();
+    for with_faults in [false, true] {
+        if with_faults {
+            picture.rgb[(150, 150)] = Vec3::splat(f32::NAN);
+            picture.rgb[(100, 120)] = Vec3::splat(500.0);
+        }
+        let own = observe(&picture).unwrap();
+        let again =
+            |picture: &Picture| own.with_values(picture, &CIRCLE, None, &ObservationSettings::default()).unwrap();
+        assert_eq!(own.statuses.is_some(), with_faults);
+        assert_eq!(again(&picture), own);
+        let doubled = Picture { rgb: picture.rgb.map(|colour| 2.0 * *colour), alpha: None };
+        let twice = again(&doubled);
+        for (one, two) in own.values.iter().zip(&twice.values) {
+            assert_eq!(one.map(|value| (2.0 * value) as f32), two.map(|value| value as f32));
+        }
+        assert_eq!((twice.report, twice.dense.len()), (own.report, own.dense.len()));
+    }
+}
+
+#[test]
 fn negative_channels_are_zero_in_the_colour_but_not_in_the_luminance() {
     let got = observe(&ball(|n| Vec3::new(-0.1, 2.0 + n.x as f32, 1.0))).unwrap();
     assert_eq!((got.report.used, got.report.negative, got.statuses), (9916, 0, None));

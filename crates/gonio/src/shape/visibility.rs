@@ -10,12 +10,18 @@ use crate::sphere::OctahedralMap;
 /// Number of rays along each side of a texel that is partly open.
 const RAYS: usize = 4;
 
+/// Number of neighbouring points that are traced together.
+const GROUP: usize = 64;
+
+/// Number of neighbouring texels whose central rays are traced together.
+const PACKET: usize = 16;
+
 /// A surface point at which to compute visibility.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct VisibilityPoint {
     /// Origin of the rays: [`Hit::ray_origin`](super::Hit::ray_origin).
     pub from: DVec3,
-    /// Unit normal. Rays below its horizon are not traced.
+    /// Unit normal. Rays below its horizon are not traced, and none for a normal of zero.
     pub normal: DVec3,
 }
 
@@ -58,14 +64,17 @@ impl Visibility {
         let texels = Texels::new(map, side);
         let convex = surface.is_convex();
         let done = std::sync::atomic::AtomicUsize::new(0);
-        let rows = parallel::map(points, |point| {
-            let row = if convex { Row::default() } else { texels.row(surface, point) };
-            let finished = done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1;
-            if finished.is_multiple_of(256) {
-                progress(finished as f64 / points.len() as f64);
-            }
-            row
+        let order = spatial_order(points);
+        let groups: Vec<&[usize]> = order.chunks(GROUP).collect();
+        let found = parallel::flat_map_range(groups.len(), |at| {
+            let group: Vec<VisibilityPoint> = groups[at].iter().map(|point| points[*point]).collect();
+            let rows = if convex { vec![Row::default(); group.len()] } else { texels.rows(surface, &group) };
+            let finished = done.fetch_add(group.len(), std::sync::atomic::Ordering::Relaxed) + group.len();
+            progress(finished as f64 / points.len() as f64);
+            rows
         });
+        let mut rows = vec![Row::default(); points.len()];
+        order.into_iter().zip(found).for_each(|(point, row)| rows[point] = row);
         Self { map, side, rows }
     }
 
@@ -229,49 +238,75 @@ impl Texels {
         Self { order, centres, near, fine, radius: map.cell_radius(side.ilog2()) }
     }
 
-    fn row(&self, surface: &dyn Surface, point: &VisibilityPoint) -> Row {
+    /// Traces points that are close to each other. Rays of similar directions follow each other,
+    /// because they visit the same parts of a large mesh, which then stay in the cache.
+    fn rows(&self, surface: &dyn Surface, points: &[VisibilityPoint]) -> Vec<Row> {
         // Centres slightly below the horizon are included, since parts of their texels are above
         // it.
         let lowest = -self.radius.sin();
-        let above: Vec<usize> =
-            self.order.iter().copied().filter(|&t| self.centres[t].dot(point.normal) > lowest).collect();
-        let centres: Vec<DVec3> = above.iter().map(|&t| self.centres[t]).collect();
-        let mut states = vec![State::Below; self.centres.len()];
-        for (&texel, blocked) in above.iter().zip(surface.blocked(point.from, &centres)) {
-            states[texel] = if blocked { State::Blocked } else { State::Open };
+        let mut states = vec![vec![State::Below; self.centres.len()]; points.len()];
+        for texels in self.order.chunks(PACKET) {
+            for (point, states) in points.iter().zip(&mut states) {
+                // No centre is above the horizon of a normal of length zero.
+                let least = lowest * point.normal.length();
+                let above = || texels.iter().copied().filter(|&t| self.centres[t].dot(point.normal) > least);
+                let centres: Vec<DVec3> = above().map(|t| self.centres[t]).collect();
+                for (texel, blocked) in above().zip(surface.blocked(point.from, &centres)) {
+                    states[texel] = if blocked { State::Blocked } else { State::Open };
+                }
+            }
         }
-        let mut blocked = vec![0_u64; states.len().div_ceil(64)];
-        let mut block = |texel: usize| blocked[texel / 64] |= 1 << (texel % 64);
-        // Texels that are subdivided, with the number of their rays.
-        let (mut mixed, mut rays) = (Vec::new(), Vec::new());
-        for texel in above {
-            let state = states[texel];
-            let other = |near: &u32| states[*near as usize] != state && states[*near as usize] != State::Below;
-            if self.near[texel].iter().any(other) {
-                let before = rays.len();
+        let mut rows = vec![Row::default(); points.len()];
+        let block = |row: &mut Row, texel: usize| {
+            if row.blocked.is_empty() {
+                row.blocked = vec![0; self.centres.len().div_ceil(64)].into();
+            }
+            row.blocked[texel / 64] |= 1 << (texel % 64);
+        };
+        let mut partial = vec![Vec::new(); points.len()];
+        for &texel in &self.order {
+            for (at, (point, states)) in points.iter().zip(&states).enumerate() {
+                let state = states[texel];
+                let other = |near: &u32| states[*near as usize] != state && states[*near as usize] != State::Below;
+                if state == State::Below {
+                    continue;
+                }
+                if !self.near[texel].iter().any(other) {
+                    if state == State::Blocked {
+                        block(&mut rows[at], texel);
+                    }
+                    continue;
+                }
                 let all = &self.fine[texel * RAYS * RAYS..(texel + 1) * RAYS * RAYS];
-                rays.extend(all.iter().filter(|d| d.dot(point.normal) > 0.0));
-                mixed.push((texel, rays.len() - before));
-            } else if state == State::Blocked {
-                block(texel);
+                let rays: Vec<DVec3> = all.iter().filter(|d| d.dot(point.normal) > 0.0).copied().collect();
+                let open = surface.blocked(point.from, &rays).into_iter().filter(|hit| !hit).count();
+                match (255 * open).checked_div(rays.len()).unwrap_or(255) {
+                    255 => (),
+                    0 => block(&mut rows[at], texel),
+                    share => partial[at].push((texel as u32, share as u8)),
+                }
             }
         }
-        let mut hits = surface.blocked(point.from, &rays).into_iter();
-        let mut partial = Vec::new();
-        for (texel, count) in mixed {
-            let open = hits.by_ref().take(count).filter(|hit| !hit).count();
-            match (255 * open).checked_div(count).unwrap_or(255) {
-                255 => (),
-                0 => block(texel),
-                share => partial.push((texel as u32, share as u8)),
-            }
+        for (row, mut partial) in rows.iter_mut().zip(partial) {
+            partial.sort_unstable();
+            row.partial = partial.into();
         }
-        partial.sort_unstable();
-        if blocked.iter().all(|word| *word == 0) {
-            blocked.clear();
-        }
-        Row { blocked: blocked.into(), partial: partial.into() }
+        rows
     }
+}
+
+/// Returns the indices of points such that close points follow each other.
+fn spatial_order(points: &[VisibilityPoint]) -> Vec<usize> {
+    let low = points.iter().fold(DVec3::INFINITY, |low, point| low.min(point.from));
+    let high = points.iter().fold(DVec3::NEG_INFINITY, |high, point| high.max(point.from));
+    let step = ((high - low).max_element() / 1024.0).max(1e-300);
+    let key = |at: &usize| {
+        let place = (points[*at].from - low) / step;
+        interleaved(place.x as usize, place.y as usize)
+    };
+    let mut order: Vec<usize> = (0..points.len()).collect();
+    order.sort_by_cached_key(key);
+    order
 }
 
 /// Steps to the neighbours of a texel.

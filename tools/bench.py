@@ -6,7 +6,7 @@
 A ratio is the time of a row over that of three products of 2,000 x 2,000 matrices in the same run,
 so that machines can be compared. `tools/bench.csv` contains the ratios of an earlier run. A row
 whose ratio is more than 20 % larger is a regression, and the exit code is 1. `--record` writes the
-ratios of this run to that file. BENCH is app, library, files or training; the default is all.
+ratios of this run to that file. BENCH is app, library, paper or training; the default is all.
 """
 
 import argparse
@@ -16,7 +16,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-PACKAGES = {"app": "gonio-app", "library": "gonio", "paper": "gonio-paper", "files": "gonio-io", "training": "gonio-train"}
+PACKAGES = {"app": "gonio-app", "library": "gonio", "paper": "gonio-paper", "training": "gonio-train"}
 RECORD = Path(__file__).with_name("bench.csv")
 TOLERANCE = 1.2
 # Width of the names in the table of the bench app.
@@ -73,7 +73,7 @@ def plain_rows(text: str) -> dict[str, float]:
     return {name: float(seconds) for name, seconds in found}
 
 
-ROWS = {"app": app_rows, "library": divan_rows, "paper": divan_rows, "files": divan_rows, "training": plain_rows}
+ROWS = {"app": app_rows, "library": divan_rows, "paper": divan_rows, "training": plain_rows}
 
 
 def regressions(ratios: dict[str, float], recorded: dict[str, float]) -> list[str]:

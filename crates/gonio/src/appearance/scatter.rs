@@ -20,8 +20,9 @@ pub fn scatter(samples: &[Sample]) -> Option<f32> {
         let place = |v: f32| (((v + 1.0) * cells) as usize).min(side - 1);
         let used = || samples.iter().filter(|s| s.weight > 0.0 && s.x * s.x + s.y * s.y <= RIM * RIM);
         let mut patches = vec![Patch::default(); side * side];
-        used().for_each(|s| patches[place(-s.y) * side + place(s.x)].add_to_sums(s));
-        used().for_each(|s| patches[place(-s.y) * side + place(s.x)].add_to_moments(s));
+        let patch_of = |s: &Sample| place(-s.y) * side + place(s.x);
+        used().for_each(|s| patches[patch_of(s)].add_to_sums(s));
+        used().for_each(|s| patches[patch_of(s)].add_to_moments(s));
         let large = patches.iter().filter(|patch| patch.count >= PATCH as f64);
         let mut variances: Vec<f32> = large.filter_map(Patch::variance).collect();
         if variances.len() * 4 >= (0.76 * (side * side) as f32) as usize && !variances.is_empty() {

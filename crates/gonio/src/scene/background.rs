@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::components::{border, from_border, neighbours};
+use super::components::{border, connected_to_border, neighbours};
 use super::small::Small;
 use crate::picture::{Picture, Plane};
 use crate::statistics::{median, quantile};
@@ -34,7 +34,7 @@ fn background_coverage(rgb: &Plane<Vec3>) -> Option<Plane<f32>> {
     if 4 * count < border(rgb.size()).count() {
         return None;
     }
-    let (background, reached) = from_border(rgb.size(), false, |at| key(at) == value);
+    let (background, reached) = connected_to_border(rgb.size(), false, |at| key(at) == value);
     if reached == rgb.as_slice().len() {
         return None;
     }
@@ -74,7 +74,7 @@ pub(super) fn plain_coverage(small: &Small, size: (usize, usize)) -> Option<Plan
         return None;
     }
     let near = noise.max(LOSSES * contrast);
-    let (background, reached) = from_border(values.size(), false, |at| from_base(&values[at]) <= near);
+    let (background, reached) = connected_to_border(values.size(), false, |at| from_base(&values[at]) <= near);
     let on_border = border(values.size()).filter(|at| background[*at]).count();
     if reached == values.as_slice().len() || (on_border as f64) < BORDER_SHARE * outer.len() as f64 {
         return None;

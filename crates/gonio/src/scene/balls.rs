@@ -51,8 +51,8 @@ pub fn outline_of_ball(
 pub fn separate_balls(picture: &Picture, mask: Option<&Plane<f32>>) -> Vec<Plane<f32>> {
     let size = picture.rgb.size();
     let alone = |coverage: &Plane<f32>| -> Vec<Plane<f32>> {
-        let parts = if coverage.size() == size { parts(coverage, MIN_BALL.1) } else { Vec::new() };
-        parts.iter().map(|part| soft(coverage, part)).collect()
+        let separate = if coverage.size() == size { parts(coverage, MIN_BALL.1) } else { Vec::new() };
+        separate.iter().map(|part| soft(coverage, part)).collect()
     };
     let given = mask.is_some() || picture.varying_alpha().is_some();
     let known = coverage_of(picture, mask).map(|coverage| alone(&coverage)).unwrap_or_default();
@@ -74,11 +74,11 @@ pub fn separate_balls(picture: &Picture, mask: Option<&Plane<f32>>) -> Vec<Plane
 /// [`SceneError::Several`] with all objects that have at least a fifth of the pixels of the
 /// largest.
 pub(super) fn single(coverage: &Plane<f32>, ball: impl Fn(&Plane<f32>) -> Option<Circle>) -> Result<(), SceneError> {
-    let parts = parts(coverage, SECOND);
-    if parts.len() < 2 {
+    let objects = parts(coverage, SECOND);
+    if objects.len() < 2 {
         return Ok(());
     }
-    Err(SceneError::Several { objects: parts.iter().map(|part| extent(&soft(coverage, part), &ball)).collect() })
+    Err(SceneError::Several { objects: objects.iter().map(|part| extent(&soft(coverage, part), &ball)).collect() })
 }
 
 /// Returns the connected parts by decreasing size.
@@ -105,7 +105,7 @@ fn extent(of: &Plane<f32>, ball: impl Fn(&Plane<f32>) -> Option<Circle>) -> Exte
 
 /// Returns the coverage on and near a part, zero elsewhere.
 fn soft(coverage: &Plane<f32>, part: &Component) -> Plane<f32> {
-    let near = part.plane(SOFT, coverage.size());
+    let near = part.mask(SOFT, coverage.size());
     let values = coverage.as_slice().iter().zip(near.as_slice());
     Plane::from_vec(coverage.width(), coverage.height(), values.map(|(c, near)| if *near { *c } else { 0.0 }).collect())
 }

@@ -110,7 +110,7 @@ fn no_circle(rim: &[DVec2]) -> SceneError {
 fn ball_and_rim(coverage: &Plane<f32>) -> Result<(Plane<bool>, Vec<DVec2>), SceneError> {
     let covered = |at: (usize, usize)| coverage[at] >= 0.5;
     let largest = largest_component(coverage.size(), covered).ok_or(SceneError::EmptyMask)?;
-    let ball = fill_holes(&largest.plane(0, coverage.size()));
+    let ball = fill_holes(&largest.mask(0, coverage.size()));
     if ball.as_slice().iter().all(|&b| b) {
         return Err(SceneError::MaskEverywhere);
     }
@@ -136,13 +136,14 @@ pub(super) fn outline(coverage: &Plane<f32>) -> Result<Vec<DVec2>, SceneError> {
 /// The coverage is interpolated between each pixel of the ball and its neighbours outside.
 fn rim_points(coverage: &Plane<f32>, ball: &Plane<bool>) -> Vec<DVec2> {
     let mut points = Vec::new();
-    let (width, inside) = (ball.width(), ball.as_slice());
+    let (width, mask) = (ball.width(), ball.as_slice());
     for y in 0..ball.height() {
         for x in 0..width {
             let i = y * width + x;
-            let is_row = |i: usize| inside[i - 1] && inside[i + 1];
-            let is_inner = x > 0 && x + 1 < width && y > 0 && y + 1 < ball.height();
-            if !inside[i] || (is_inner && is_row(i) && inside[i - width] && inside[i + width]) {
+            // A pixel whose four neighbours are in the ball has no point of the outline.
+            let is_off_border = x > 0 && x + 1 < width && y > 0 && y + 1 < ball.height();
+            let is_inner = is_off_border && [i - 1, i + 1, i - width, i + width].iter().all(|next| mask[*next]);
+            if !mask[i] || is_inner {
                 continue;
             }
             let inside = f64::from(coverage[(x, y)]).min(1.0);

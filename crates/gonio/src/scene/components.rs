@@ -26,12 +26,14 @@ pub(super) fn border((width, height): (usize, usize)) -> impl Iterator<Item = (u
     })
 }
 
-/// A connected set of pixels: runs of pixels in a row, by their first pixels in row-major order.
+/// A connected set of pixels, stored as runs within rows, in row-major order.
 pub(super) struct Component {
     runs: Vec<Run>,
+    /// Number of pixels.
+    count: usize,
 }
 
-/// Pixels of one row.
+/// Consecutive pixels of one row.
 struct Run {
     row: usize,
     columns: Range<usize>,
@@ -40,7 +42,7 @@ struct Run {
 impl Component {
     /// Returns the number of pixels.
     pub(super) fn len(&self) -> usize {
-        self.runs.iter().map(|run| run.columns.len()).sum()
+        self.count
     }
 
     /// Iterates over the pixels in row-major order.
@@ -48,41 +50,63 @@ impl Component {
         self.runs.iter().flat_map(|run| run.columns.clone().map(|x| (x, run.row)))
     }
 
-    /// Returns a plane in which the pixels at most `reach` rows and columns away are marked.
-    pub(super) fn plane(&self, reach: usize, (width, height): (usize, usize)) -> Plane<bool> {
+    /// Returns a mask of this size with the pixels at most `reach` rows and columns away.
+    ///
+    /// # Panics
+    /// If the set does not fit into the mask.
+    pub(super) fn mask(&self, reach: usize, (width, height): (usize, usize)) -> Plane<bool> {
         let mut plane = Plane::from_vec(width, height, vec![false; width * height]);
-        self.mark(reach, &mut plane);
+        self.runs.iter().for_each(|run| run.mark(reach, &mut plane));
         plane
     }
+}
 
+impl Run {
+    /// Marks the pixels at most `reach` rows and columns away.
     fn mark(&self, reach: usize, plane: &mut Plane<bool>) {
         let (width, height) = plane.size();
-        for Run { row, columns } in &self.runs {
-            let columns = columns.start.saturating_sub(reach)..(columns.end + reach).min(width);
-            for row in row.saturating_sub(reach)..(row + reach + 1).min(height) {
-                plane.as_mut_slice()[row * width..][columns.clone()].fill(true);
-            }
+        let columns = self.columns.start.saturating_sub(reach)..(self.columns.end + reach).min(width);
+        for row in self.row.saturating_sub(reach)..(self.row + reach + 1).min(height) {
+            plane.as_mut_slice()[row * width..][columns.clone()].fill(true);
         }
-    }
-
-    fn touches_border(&self, (width, height): (usize, usize)) -> bool {
-        let at_border =
-            |run: &Run| run.row == 0 || run.row + 1 == height || run.columns.start == 0 || run.columns.end == width;
-        self.runs.iter().any(at_border)
     }
 }
 
 /// Returns the connected sets of `open` pixels, by their first pixels in row-major order.
 ///
-/// Pixels are connected to four neighbours, or to eight with the `diagonals`. Large sets take
-/// little memory and time, because rows are joined run by run (Rosenfeld and Pfaltz 1966).
+/// Pixels are connected to the four pixels beside, above and below, with `diagonals` to all eight
+/// around. Rows are joined run by run (Rosenfeld and Pfaltz 1966).
 pub(super) fn components(
-    (width, height): (usize, usize),
+    size: (usize, usize),
     diagonals: bool,
     open: impl Fn((usize, usize)) -> bool,
 ) -> Vec<Component> {
+    let (runs, mut sets) = runs(size, diagonals, open);
+    let mut components: Vec<Component> = Vec::new();
+    let mut number = vec![usize::MAX; runs.len()];
+    for (at, run) in runs.into_iter().enumerate() {
+        let root = sets.root(at);
+        if number[root] == usize::MAX {
+            number[root] = components.len();
+            components.push(Component { runs: Vec::new(), count: 0 });
+        }
+        let component = &mut components[number[root]];
+        component.count += run.columns.len();
+        component.runs.push(run);
+    }
+    components
+}
+
+/// Returns the runs of open pixels in row-major order, and the sets of connected runs by their
+/// indices.
+fn runs(
+    (width, height): (usize, usize),
+    diagonals: bool,
+    open: impl Fn((usize, usize)) -> bool,
+) -> (Vec<Run>, DisjointSets) {
     let (mut runs, mut sets) = (Vec::<Run>::new(), DisjointSets::default());
     let reach = usize::from(diagonals);
+    // First run of the row above that can touch the next run.
     let mut above = 0;
     for row in 0..height {
         let first = runs.len();
@@ -107,27 +131,17 @@ pub(super) fn components(
         }
         above = first;
     }
-    let mut components: Vec<Component> = Vec::new();
-    let mut number = vec![usize::MAX; runs.len()];
-    for (at, run) in runs.into_iter().enumerate() {
-        let root = sets.root(at);
-        if number[root] == usize::MAX {
-            number[root] = components.len();
-            components.push(Component { runs: Vec::new() });
-        }
-        components[number[root]].runs.push(run);
-    }
-    components
+    (runs, sets)
 }
 
-/// Disjoint sets of numbers from zero on.
+/// Disjoint sets of numbers from zero on. The root of a set is its smallest number.
 #[derive(Default)]
 struct DisjointSets {
     parents: Vec<usize>,
 }
 
 impl DisjointSets {
-    /// Adds a number as a set of its own.
+    /// Adds a set with one new number, and returns the number.
     fn add(&mut self) -> usize {
         self.parents.push(self.parents.len());
         self.parents.len() - 1
@@ -148,18 +162,27 @@ impl DisjointSets {
     }
 }
 
-/// Marks the `open` pixels that are connected to the border of the picture through open pixels;
-/// returns them and their number.
-pub(super) fn from_border(
-    size: (usize, usize),
+/// Returns a mask of the `open` pixels that are connected to the border of the picture through open
+/// pixels, and their number.
+pub(super) fn connected_to_border(
+    (width, height): (usize, usize),
     diagonals: bool,
     open: impl Fn((usize, usize)) -> bool,
 ) -> (Plane<bool>, usize) {
-    let mut reached = Plane::from_vec(size.0, size.1, vec![false; size.0 * size.1]);
+    let (runs, mut sets) = runs((width, height), diagonals, open);
+    let mut is_outer = vec![false; runs.len()];
+    for (at, Run { row, columns }) in runs.iter().enumerate() {
+        if *row == 0 || row + 1 == height || columns.start == 0 || columns.end == width {
+            is_outer[sets.root(at)] = true;
+        }
+    }
+    let mut reached = Plane::from_vec(width, height, vec![false; width * height]);
     let mut count = 0;
-    for component in components(size, diagonals, open).iter().filter(|component| component.touches_border(size)) {
-        component.mark(0, &mut reached);
-        count += component.len();
+    for (at, run) in runs.iter().enumerate() {
+        if is_outer[sets.root(at)] {
+            run.mark(0, &mut reached);
+            count += run.columns.len();
+        }
     }
     (reached, count)
 }
@@ -176,7 +199,7 @@ pub(super) fn largest_component(size: (usize, usize), open: impl Fn((usize, usiz
 ///
 /// Holes are the pixels that cannot be reached from the border of the picture around `set`.
 pub(super) fn fill_holes(set: &Plane<bool>) -> Plane<bool> {
-    let (mut filled, _) = from_border(set.size(), true, |at| !set[at]);
+    let (mut filled, _) = connected_to_border(set.size(), true, |at| !set[at]);
     filled.as_mut_slice().iter_mut().for_each(|reached| *reached = !*reached);
     filled
 }
@@ -197,9 +220,9 @@ mod tests {
         let mask = plane(&["#.....", "..###.", "..#.#.", "..###.", "......", "##...#"]);
         let largest = largest_component(mask.size(), |at| mask[at]).unwrap();
         assert_eq!(largest.len(), 8);
-        let component = largest.plane(0, mask.size());
+        let component = largest.mask(0, mask.size());
         assert_eq!(component, plane(&["......", "..###.", "..#.#.", "..###.", "......", "......"]));
-        assert_eq!(largest.plane(1, mask.size()), plane(&[".#####", ".#####", ".#####", ".#####", ".#####", "......"]));
+        assert_eq!(largest.mask(1, mask.size()), plane(&[".#####", ".#####", ".#####", ".#####", ".#####", "......"]));
         let filled = fill_holes(&component);
         assert_eq!(filled, plane(&["......", "..###.", "..###.", "..###.", "......", "......"]));
         assert!(largest_component((3, 2), |_| false).is_none());
@@ -237,7 +260,7 @@ mod tests {
             let is_outer = |part: &&Vec<_>| border(size).any(|at| part.contains(&at));
             want.iter().filter(is_outer).flatten().for_each(|at| reached[*at] = true);
             let count = reached.as_slice().iter().filter(|reached| **reached).count();
-            assert_eq!(from_border(size, diagonals, |at| set[at]), (reached, count));
+            assert_eq!(connected_to_border(size, diagonals, |at| set[at]), (reached, count));
         }
     }
 

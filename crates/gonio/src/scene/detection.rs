@@ -216,6 +216,9 @@ impl Detection {
     /// print: they are replaced by the median of their surroundings. Returns `None` for other
     /// shapes, without spots, and if [`ObservationSettings::one_material`] is set.
     ///
+    /// Pixels keep their status. If pixels of a second paint are converted, all pixels are
+    /// classified again, because their converted values are not stored.
+    ///
     /// Reflections of small lamps can look like spots. Use the result only if the spots mislead the
     /// estimate ([`without_misleading_spots`](crate::estimate::without_misleading_spots)).
     #[must_use]

@@ -5,7 +5,7 @@
 
 use glam::Vec3;
 
-use super::components::{border, from_border, neighbours};
+use super::components::{border, connected_to_border, neighbours};
 use crate::picture::Plane;
 use crate::statistics::median;
 
@@ -37,7 +37,7 @@ pub(super) fn flat_background(normals: &Plane<Vec3>) -> Option<Plane<bool>> {
     if share(on_border.iter().filter(|n| is_same(**n)).count(), on_border.len()) < BORDER_SHARE {
         return None;
     }
-    let (background, count) = from_border(size, false, |at| is_same(normals[at]));
+    let (background, count) = connected_to_border(size, false, |at| is_same(normals[at]));
     let all = size.0 * size.1;
     if share(count, all) < MIN_SHARE || share(all - count, all) < MIN_OBJECT {
         return None;

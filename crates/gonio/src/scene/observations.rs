@@ -292,7 +292,7 @@ impl Observations {
             check_size("mask", coverage.size(), rgb.size())?;
         }
         let region = sphere_region(rgb.size(), circle, coverage, settings);
-        let normal = |at: (usize, usize)| sphere_normal(circle, at).as_vec3();
+        let normal = |at: (usize, usize)| sphere_normal(circle, at);
         let surface = SurfaceGeometry { normal: &normal, convex: true };
         let mut judged = classify_pixels(rgb, &region, settings, &surface, ObservationReport::default())?;
         let converted = judged.converted.take();
@@ -301,7 +301,7 @@ impl Observations {
 
     /// Samples the same pixels of a sphere in a picture with other values, such as one without
     /// spots. `self` are observations without converted pixels from [`Self::of_sphere`], with the
-    /// same circle, coverage and settings.
+    /// same circle, coverage and settings. Pixels keep their status, and the report its counts.
     ///
     /// # Errors
     /// [`SceneError::Black`].
@@ -323,6 +323,7 @@ impl Observations {
         Self::of_classified(&picture.rgb, circle, settings, judged)
     }
 
+    /// Samples the sphere at its points and in every used pixel.
     fn of_classified(
         rgb: &Plane<Vec3>,
         circle: &Circle,
@@ -335,9 +336,10 @@ impl Observations {
         let pixels: Vec<(f64, f64)> =
             points.iter().map(|p| (x + radius * p.normal.x, y - radius * p.normal.y)).collect();
         let observed = pixels.iter().map(|&at| sample(rgb, &judged.statuses, at)).collect();
+        let normal = |at: (usize, usize)| sphere_normal(circle, at);
         let dense = parallel::flat_map_range(width * height, |i| {
             let value = repaired(rgb, &judged.statuses, i)?;
-            let normal = sphere_normal(circle, (i % width, i / width)).as_vec3().as_dvec3();
+            let normal = normal((i % width, i / width)).as_dvec3();
             Some(Sample::of(normal, f64::from(luminance(value)), 1.0).coloured(value))
         });
         Ok(Self { dense, ..Self::assemble(points, pixels, observed, judged)? })
@@ -415,10 +417,10 @@ fn sphere_region(
 }
 
 /// Returns the normal of a sphere behind a pixel.
-fn sphere_normal(circle: &Circle, (column, row): (usize, usize)) -> DVec3 {
+fn sphere_normal(circle: &Circle, (column, row): (usize, usize)) -> Vec3 {
     let Circle { x, y, radius } = *circle;
     let (nx, ny) = ((column as f64 + 0.5 - x) / radius, (y - row as f64 - 0.5) / radius);
-    DVec3::new(nx, ny, (1.0 - nx * nx - ny * ny).max(0.0).sqrt())
+    DVec3::new(nx, ny, (1.0 - nx * nx - ny * ny).max(0.0).sqrt()).as_vec3()
 }
 
 /// Interpolates bilinearly at `(x, y)` between the centres of the four nearest pixels.

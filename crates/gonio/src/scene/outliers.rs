@@ -194,8 +194,8 @@ impl<'a> OutlierDetector<'a> {
     /// Returns the score of a channel, and whether the channel is brighter than its neighbours.
     ///
     /// The score is the difference of the channel from its prediction, relative to what noise and
-    /// structure explain. It is zero for a highlight and for a pixel within the [range](Self::range)
-    /// of its neighbours, from `low` to `high`.
+    /// structure explain. It is zero for a highlight, and for a pixel within the
+    /// [range](Self::range) of its neighbours, from `low` to `high`.
     fn score(&self, pixel: usize, channel: usize, [low, high]: [f64; 2]) -> (f64, bool) {
         let own = f64::from(self.rgb.as_slice()[pixel][channel]);
         let margin = 0.25 * (high - low);

@@ -13,7 +13,8 @@ const RAYS: usize = 4;
 /// Number of neighbouring points that are traced together.
 const GROUP: usize = 64;
 
-/// Number of neighbouring texels whose central rays are traced together.
+/// Number of neighbouring texels whose central rays are traced together: as many rays as a mesh
+/// traces at a time.
 const PACKET: usize = 16;
 
 /// A surface point at which to compute visibility.
@@ -21,7 +22,8 @@ const PACKET: usize = 16;
 pub struct VisibilityPoint {
     /// Origin of the rays: [`Hit::ray_origin`](super::Hit::ray_origin).
     pub from: DVec3,
-    /// Unit normal. Rays below its horizon are not traced, and none for a normal of zero.
+    /// Unit normal; rays below its horizon are not traced. With a zero normal, no rays are traced,
+    /// and all shares are one.
     pub normal: DVec3,
 }
 
@@ -52,6 +54,8 @@ impl Visibility {
     /// horizon that pass. Obstacles that are thinner than a texel and miss all centres are
     /// therefore ignored.
     ///
+    /// `progress` receives the completed share, in 0..=1, from several threads and in any order.
+    ///
     /// # Panics
     /// If `side` is not a power of two.
     pub fn trace(
@@ -62,19 +66,21 @@ impl Visibility {
         progress: &(dyn Fn(f64) + Sync),
     ) -> Self {
         let texels = Texels::new(map, side);
-        let convex = surface.is_convex();
+        if surface.is_convex() {
+            return Self { map, side, rows: vec![Row::default(); points.len()] };
+        }
         let done = std::sync::atomic::AtomicUsize::new(0);
         let order = spatial_order(points);
         let groups: Vec<&[usize]> = order.chunks(GROUP).collect();
-        let found = parallel::flat_map_range(groups.len(), |at| {
+        let traced = parallel::flat_map_range(groups.len(), |at| {
             let group: Vec<VisibilityPoint> = groups[at].iter().map(|point| points[*point]).collect();
-            let rows = if convex { vec![Row::default(); group.len()] } else { texels.rows(surface, &group) };
+            let rows = texels.rows(surface, &group);
             let finished = done.fetch_add(group.len(), std::sync::atomic::Ordering::Relaxed) + group.len();
             progress(finished as f64 / points.len() as f64);
             rows
         });
         let mut rows = vec![Row::default(); points.len()];
-        order.into_iter().zip(found).for_each(|(point, row)| rows[point] = row);
+        order.into_iter().zip(traced).for_each(|(point, row)| rows[point] = row);
         Self { map, side, rows }
     }
 
@@ -247,11 +253,12 @@ impl Texels {
         let mut states = vec![vec![State::Below; self.centres.len()]; points.len()];
         for texels in self.order.chunks(PACKET) {
             for (point, states) in points.iter().zip(&mut states) {
-                // No centre is above the horizon of a normal of length zero.
+                // No centre is above the horizon of a zero normal.
                 let least = lowest * point.normal.length();
-                let above = || texels.iter().copied().filter(|&t| self.centres[t].dot(point.normal) > least);
-                let centres: Vec<DVec3> = above().map(|t| self.centres[t]).collect();
-                for (texel, blocked) in above().zip(surface.blocked(point.from, &centres)) {
+                let is_above = |t: &usize| self.centres[*t].dot(point.normal) > least;
+                let above: Vec<usize> = texels.iter().copied().filter(is_above).collect();
+                let centres: Vec<DVec3> = above.iter().map(|t| self.centres[*t]).collect();
+                for (texel, blocked) in above.into_iter().zip(surface.blocked(point.from, &centres)) {
                     states[texel] = if blocked { State::Blocked } else { State::Open };
                 }
             }
@@ -295,11 +302,12 @@ impl Texels {
     }
 }
 
-/// Returns the indices of points such that close points follow each other.
+/// Returns the indices of points such that close points follow each other. The depth does not
+/// matter, because the points are visible from one side.
 fn spatial_order(points: &[VisibilityPoint]) -> Vec<usize> {
     let low = points.iter().fold(DVec3::INFINITY, |low, point| low.min(point.from));
     let high = points.iter().fold(DVec3::NEG_INFINITY, |high, point| high.max(point.from));
-    let step = ((high - low).max_element() / 1024.0).max(1e-300);
+    let step = ((high - low).truncate().max_element() / 1024.0).max(1e-300);
     let key = |at: &usize| {
         let place = (points[*at].from - low) / step;
         interleaved(place.x as usize, place.y as usize)

@@ -165,7 +165,7 @@ impl Detector<'_> {
 fn solid(coverage: &Plane<f32>) -> Result<Plane<bool>, SceneError> {
     outline(coverage)?;
     let largest = largest_component(coverage.size(), |at| coverage[at] >= 0.5).ok_or(SceneError::NoOutline)?;
-    let part = largest.plane(0, coverage.size());
+    let part = largest.mask(0, coverage.size());
     let mut filled = part.clone();
     for hole in components(part.size(), true, |at| !part[at]) {
         if 1000 * hole.len() <= largest.len() {

@@ -186,6 +186,22 @@ mod tests {
         })
     }
 
+    /// Points of the outline of a mask, and how a circle fits them.
+    fn outline_of(mask: &Plane<f32>) -> (usize, Fit) {
+        let (_, rim) = ball_and_rim(mask).unwrap();
+        (rim.len(), fit_circle(&rim).unwrap())
+    }
+
+    fn stray(mask: &Plane<f32>) -> usize {
+        let (rim, fit) = outline_of(mask);
+        rim - fit.near.len()
+    }
+
+    fn is_cropped(mask: &Plane<f32>) -> bool {
+        let (ball, _) = ball_and_rim(mask).unwrap();
+        border(ball.size()).any(|at| ball[at])
+    }
+
     fn check(mask: &Plane<f32>, (x, y): (f64, f64), radius: f64, tolerance: f64) -> DetectedCircle {
         let found = find_sphere(mask).unwrap();
         let c = found.circle;
@@ -198,10 +214,15 @@ mod tests {
     fn locates_full_balls_to_a_fraction_of_a_pixel() {
         for (centre, radius) in [((60.3, 55.8), 41.7), ((64.0, 64.0), 50.0), ((30.5, 70.2), 8.4), ((62.1, 61.9), 57.5)]
         {
-            let soft = check(&ellipse((128, 128), centre, (radius, radius), true), centre, radius, 0.02);
-            assert!(soft.residual < 0.1, "{soft:?}");
-            let hard = check(&ellipse((128, 128), centre, (radius, radius), false), centre, radius, 0.2);
-            assert!(hard.residual < 0.4, "{hard:?}");
+            let [soft, hard] = [true, false].map(|soft| ellipse((128, 128), centre, (radius, radius), soft));
+            let found = check(&soft, centre, radius, 0.02);
+            let (_, fit) = outline_of(&soft);
+            assert!(found.residual < 0.1 && !is_cropped(&soft) && stray(&soft) == 0, "{found:?}");
+            assert_eq!(span(&fit.near, &fit.circle), TAU);
+            let found = check(&hard, centre, radius, 0.2);
+            let (_, fit) = outline_of(&hard);
+            let eccentricity = (1.0 - aspect(&fit.near, &fit.circle).powi(2)).max(0.0).sqrt();
+            assert!(found.residual < 0.4 && eccentricity < 0.25, "{found:?} {eccentricity}");
         }
     }
 
@@ -209,7 +230,9 @@ mod tests {
     fn completes_cropped_balls() {
         for (centre, radius) in [((10.0, 60.0), 50.0), ((64.0, 64.0), 75.0), ((0.0, 0.0), 80.0), ((64.0, 120.0), 70.0)]
         {
-            check(&ellipse((128, 128), centre, (radius, radius), true), centre, radius, 0.1);
+            let mask = ellipse((128, 128), centre, (radius, radius), true);
+            check(&mask, centre, radius, 0.1);
+            assert!(is_cropped(&mask));
         }
     }
 
@@ -223,17 +246,26 @@ mod tests {
             mask[(x, y)] = if x == 40 { f32::NAN } else { 0.0 };
         }
         check(&mask, (60.3, 55.8), 41.7, 0.02);
+        let (ball, _) = ball_and_rim(&mask).unwrap();
+        let outside = mask.as_slice().iter().zip(ball.as_slice()).filter(|(c, inside)| **c >= 0.5 && !**inside);
+        assert_eq!((outside.count(), stray(&mask)), (4, 0));
         for y in 95..128 {
             for x in 55..63 {
                 mask[(x, y)] = 1.0;
             }
         }
         check(&mask, (60.3, 55.8), 41.7, 0.05);
+        assert!(stray(&mask) > 40 && is_cropped(&mask));
     }
 
     #[test]
-    fn accepts_slight_ellipses() {
-        check(&ellipse((128, 128), (64.0, 64.0), (50.0, 49.0), true), (64.0, 64.0), 49.5, 0.05);
+    fn accepts_slight_ellipses_and_measures_their_axes() {
+        let mask = ellipse((128, 128), (64.0, 64.0), (50.0, 49.0), true);
+        check(&mask, (64.0, 64.0), 49.5, 0.05);
+        let (_, fit) = outline_of(&mask);
+        let eccentricity = |aspect: f64| (1.0 - aspect * aspect).sqrt();
+        let got = eccentricity(aspect(&fit.near, &fit.circle));
+        assert!((got - eccentricity(0.98)).abs() < 0.01, "{got}");
     }
 
     #[test]

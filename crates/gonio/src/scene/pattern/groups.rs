@@ -6,6 +6,7 @@ use gonio_linalg::eigenvectors;
 
 use super::{Cells, ShadingBasis, TwoPaints, neighbours};
 use crate::picture::{Plane, luminance};
+use crate::scene::components::{Component, components};
 use crate::statistics::median;
 
 /// Smallest number of cells of an object: those of a ball of 50 pixels. In smaller photographs,
@@ -262,25 +263,13 @@ impl Groups {
     /// about `step`. Returns true if a part moved.
     pub(super) fn join_parts(&mut self, step: DVec3) -> bool {
         let size = self.index.size();
-        let mut part = vec![usize::MAX; self.other.len()];
-        let mut parts: Vec<Vec<usize>> = Vec::new();
-        for i in 0..self.other.len() {
-            if part[i] != usize::MAX {
-                continue;
-            }
-            let (mut members, mut next) = (vec![i], 0);
-            part[i] = parts.len();
-            while let Some(&member) = members.get(next) {
-                next += 1;
-                for j in neighbours(self.places[member], size, false).filter_map(|at| self.index[at]) {
-                    if part[j] == usize::MAX && self.other[j] == self.other[i] {
-                        part[j] = parts.len();
-                        members.push(j);
-                    }
-                }
-            }
-            parts.push(members);
-        }
+        let (index, other) = (&self.index, &self.other);
+        let connected = |second: bool| components(size, false, |at| index[at].is_some_and(|i| other[i] == second));
+        let members = |component: Component| component.pixels().filter_map(|at| index[at]).collect();
+        let mut parts: Vec<Vec<usize>> = [false, true].into_iter().flat_map(connected).map(members).collect();
+        parts.sort_by_key(|members| members[0]);
+        let mut part = vec![0; self.other.len()];
+        parts.iter().enumerate().for_each(|(p, members)| members.iter().for_each(|i| part[*i] = p));
         let mut heights: Vec<Vec<f64>> = vec![Vec::new(); parts.len()];
         for own in self.steps() {
             let height = own.change().dot(step) / step.length_squared();

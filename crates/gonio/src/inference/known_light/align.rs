@@ -10,9 +10,8 @@ use super::fit::{FitPrior, ImageModel, LaplaceFit, State};
 use super::light::{KnownLight, Operator};
 use super::rotation::propose;
 use super::space::ParameterSpace;
-use super::{
-    Alignment, COMPARED, KnownLightError, KnownLightPosterior, ObservedPoints, PriorMaterials, start, thinned,
-};
+use super::start::{COMPARED, start};
+use super::{Alignment, KnownLightError, KnownLightPosterior, ObservedPoints, PriorMaterials, thinned};
 
 /// Largest number of successive rotations.
 const TURNS: usize = 4;

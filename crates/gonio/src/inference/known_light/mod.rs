@@ -24,36 +24,31 @@ mod learnt_likelihood;
 mod light;
 mod rotation;
 mod space;
+mod start;
 #[cfg(test)]
 mod tests;
 
+use faer::Mat;
 use glam::{DQuat, DVec3};
 use gonio_linalg::Cholesky;
 use thiserror::Error;
 
-use crate::parallel;
-use crate::reflectance::{BivariateTable, LatentSpace};
+use crate::reflectance::{BivariateTable, CELLS, LatentSpace};
 use crate::render::IntegratorSettings;
 use crate::shape::{SurfacePoint, Visibility};
-use crate::statistics::median;
 pub use channels::ChannelPosterior;
-use fit::{FitPrior, ImageModel, LOG_FLOOR, LaplaceFit, State};
+use fit::{FitPrior, ImageModel, LaplaceFit};
 pub use gaussian::Gaussian;
 pub(crate) use learnt_likelihood::EncoderLikelihood;
 pub use light::{KnownLight, Operator, clipped};
 use space::ParameterSpace;
+use start::start;
 
 /// Largest number of materials of the prior that are compared for the start.
 const STARTS: usize = 1000;
 
-/// Largest number of observations in this comparison.
-const COMPARED: usize = 200;
-
 /// Largest number of materials of the prior that determine how finely the light is divided.
 const EXAMPLES: usize = 200;
-
-/// Gains of clipped pixels that are compared for the start.
-const GAINS: [f64; 4] = [1.0, 4.0, 16.0, 64.0];
 
 /// Default number of observations for the posterior. More of them take longer and add little, since
 /// their errors are correlated.
@@ -105,9 +100,10 @@ pub enum Alignment {
 #[derive(Clone, Debug)]
 pub struct PriorMaterials<'a> {
     latent_space: &'a LatentSpace,
-    /// Candidates for the start: their coordinates and tables.
+    /// Coordinates of the candidates for the start.
     starts: Vec<Vec<f64>>,
-    tables: Vec<BivariateTable>,
+    /// Their tables (cells x candidates).
+    tables: Mat<f32>,
     /// Materials that determine how finely the light is divided.
     examples: Vec<BivariateTable>,
 }
@@ -123,8 +119,9 @@ impl<'a> PriorMaterials<'a> {
             materials.iter().step_by(materials.len().div_ceil(most)).cloned().collect()
         };
         let starts = some(STARTS);
-        let (tables, examples) = (latent_space.tables(&starts), latent_space.tables(&some(EXAMPLES)));
-        Self { latent_space, starts, tables, examples }
+        let tables = latent_space.tables(&starts);
+        let tables = Mat::from_fn(CELLS, tables.len(), |cell, at| tables[at].as_slice()[cell]);
+        Self { tables, examples: latent_space.tables(&some(EXAMPLES)), latent_space, starts }
     }
 
     /// Returns the coordinates of the prior.
@@ -264,44 +261,4 @@ impl ObservedPoints<'_> {
     fn trusts(&self) -> Vec<f64> {
         self.weights.iter().map(|t| t.clamp(1e-3, 1.0)).collect()
     }
-}
-
-/// Initial material of a fit.
-struct Start {
-    coordinates: Vec<f64>,
-    gain: f64,
-    /// Median absolute deviation of the logarithm of its rendering from that of the image.
-    deviation: f64,
-}
-
-impl Start {
-    fn state(&self, image: &ImageModel<'_>) -> State {
-        image.start(&self.coordinates, self.gain)
-    }
-}
-
-/// Returns the material and the gain of the clipped pixels whose rendering is nearest to the image.
-///
-/// The distance is the median absolute deviation of the logarithm.
-fn start(operator: &Operator, values: &[f64], materials: &PriorMaterials<'_>) -> Start {
-    let rows = thinned(values.len(), COMPARED);
-    let floor = LOG_FLOOR * values.iter().sum::<f64>() / values.len() as f64;
-    let deviation = |table: &BivariateTable, gain: f64| {
-        let cells = table.as_slice();
-        let picture: Vec<f64> =
-            rows.iter().map(|&at| operator.row(at, gain).map(|(cell, w)| w * f64::from(cells[cell])).sum()).collect();
-        let ratio: f64 = rows.iter().map(|&at| values[at]).sum::<f64>() / picture.iter().sum::<f64>().max(1e-300);
-        let logs: Vec<f64> =
-            rows.iter().zip(&picture).map(|(&at, p)| ((values[at] + floor) / (ratio * p + floor)).ln()).collect();
-        let middle = median(logs.iter().copied()).unwrap_or(0.0);
-        median(logs.iter().map(|l| (l - middle).abs())).unwrap_or(0.0)
-    };
-    let gains = if operator.clips() { &GAINS[..] } else { &GAINS[..1] };
-    let deviations: Vec<(f64, f64)> = parallel::map(&materials.tables, |table| {
-        let each = gains.iter().map(|gain| (*gain, deviation(table, *gain)));
-        each.min_by(|a, b| a.1.total_cmp(&b.1)).expect("at least one gain")
-    });
-    let at = (0..deviations.len()).min_by(|a, b| deviations[*a].1.total_cmp(&deviations[*b].1));
-    let at = at.expect("at least one material");
-    Start { coordinates: materials.starts[at].clone(), gain: deviations[at].0, deviation: deviations[at].1 }
 }

@@ -4,8 +4,10 @@
 //! degrees, `phi_d = k` degrees with `i, j` in 0..90 and `k` in 0..180; reciprocity gives
 //! `phi_d + 180`. Values are in 1/sr.
 
-use serde::{Deserialize, Serialize};
 use std::f64::consts::{FRAC_PI_2, PI};
+use std::sync::LazyLock;
+
+use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 /// Number of samples in `theta_h`.
@@ -208,16 +210,7 @@ impl BivariateTable {
     /// This is the fraction of light from the direction of the normal that is reflected,
     /// `2 pi integral of f(t/2, t/2) cos t sin t dt`.
     pub fn normal_albedo(&self) -> f64 {
-        // Midpoints in sqrt(t), which resolve the lobe as the table does.
-        const STEPS: usize = 4000;
-        let sum: f64 = (0..STEPS)
-            .map(|i| {
-                let s = (i as f64 + 0.5) / STEPS as f64;
-                let t = s * s * FRAC_PI_2;
-                self.eval(0.5 * t, 0.5 * t) * t.cos() * t.sin() * 2.0 * s * FRAC_PI_2
-            })
-            .sum();
-        2.0 * PI * sum / STEPS as f64
+        NORMAL_ALBEDO.iter().map(|&(cell, weight)| weight * f64::from(self.values[cell])).sum()
     }
 
     /// Returns the table scaled to a given [`Self::normal_albedo`], and the factor.
@@ -233,6 +226,22 @@ impl BivariateTable {
         (0..CELLS).filter(|&c| is_trusted(c)).map(|c| self.values[c]).fold(f32::NEG_INFINITY, f32::max)
     }
 }
+
+/// Cells that contribute to [`BivariateTable::normal_albedo`], with their weights.
+static NORMAL_ALBEDO: LazyLock<Vec<(usize, f64)>> = LazyLock::new(|| {
+    // Midpoints in sqrt(t), which resolve the lobe as the table does.
+    const STEPS: usize = 4000;
+    let mut weights = vec![0.0; CELLS];
+    for i in 0..STEPS {
+        let s = (i as f64 + 0.5) / STEPS as f64;
+        let t = s * s * FRAC_PI_2;
+        let measure = 2.0 * PI * t.cos() * t.sin() * 2.0 * s * FRAC_PI_2 / STEPS as f64;
+        for (cell, share) in BivariateTable::stencil(0.5 * t, 0.5 * t) {
+            weights[cell] += share * measure;
+        }
+    }
+    weights.into_iter().enumerate().filter(|(_, weight)| *weight > 0.0).collect()
+});
 
 /// A measured isotropic BRDF: 90 x 90 x 180 samples of RGB reflectance in 1/sr.
 #[derive(Clone, Debug, PartialEq)]

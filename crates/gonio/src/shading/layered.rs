@@ -117,6 +117,7 @@ impl Layered {
                 (f0 * self.specular_color, DVec3::ONE, f0 * (DVec3::ONE - self.specular_color))
             }
         };
+        let fresnel = f82(self.base_color, self.specular_color);
         move |wi, wo| {
             let Some(facet) = Facet::new(wi, wo) else { return DVec3::ZERO };
             let base_lobe = lobe(&facet, alpha * alpha);
@@ -133,8 +134,7 @@ impl Layered {
             let tinted = DVec3::splat(real) - decrease * (1.0 - share);
             let dielectric = self.base_color * (FRAC_1_PI * (1.0 - reflected).max(0.0))
                 + factor * tinted * base_lobe * (DVec3::ONE + normal * later);
-            let fresnel = f82(self.base_color, self.specular_color, facet.cos_d);
-            let metal = fresnel * base_lobe * (DVec3::ONE + self.base_color * later);
+            let metal = fresnel(facet.cos_d) * base_lobe * (DVec3::ONE + self.base_color * later);
             let base = dielectric.lerp(metal, self.metalness);
             if self.coat_weight == 0.0 {
                 return base;
@@ -146,13 +146,14 @@ impl Layered {
     }
 }
 
-/// Returns the reflectance of a metal by Schlick's formula with a tint at 82 degrees (Kutz et al.
-/// 2021, as in OpenPBR).
-fn f82(f0: DVec3, tint: DVec3, cos: f64) -> DVec3 {
+/// Returns the reflectance of a metal, by the cosine to the half vector: Schlick's formula with a
+/// tint at 82 degrees (Kutz et al. 2021, as in OpenPBR).
+fn f82(f0: DVec3, tint: DVec3) -> impl Fn(f64) -> DVec3 {
     const COS_82: f64 = 1.0 / 7.0;
-    let schlick = |cos: f64| f0 + (DVec3::ONE - f0) * schlick_weight(cos);
+    let schlick = move |cos: f64| f0 + (DVec3::ONE - f0) * schlick_weight(cos);
     let shape = |cos: f64| cos * (1.0 - cos).powi(6);
-    (schlick(cos) - schlick(COS_82) * (DVec3::ONE - tint) * (shape(cos) / shape(COS_82))).max(DVec3::ZERO)
+    let dip = schlick(COS_82) * (DVec3::ONE - tint) / shape(COS_82);
+    move |cos| (schlick(cos) - dip * shape(cos)).max(DVec3::ZERO)
 }
 
 /// Number of entries of [`Albedo`] along each axis.
@@ -269,9 +270,10 @@ mod tests {
     #[test]
     fn tint_applies_to_the_metal_at_82_degrees() {
         let (f0, tint) = (DVec3::new(0.9, 0.6, 0.3), DVec3::new(0.5, 0.8, 1.0));
-        let white = |cos: f64| f82(f0, DVec3::ONE, cos);
-        assert_eq!(f82(f0, tint, 1.0), f0);
-        assert!((f82(f0, tint, 1.0 / 7.0) - tint * white(1.0 / 7.0)).length() < 1e-12);
+        let fresnel = f82(f0, tint);
+        let white = f82(f0, DVec3::ONE);
+        assert_eq!(fresnel(1.0), f0);
+        assert!((fresnel(1.0 / 7.0) - tint * white(1.0 / 7.0)).length() < 1e-12);
         assert!((white(0.0) - DVec3::ONE).length() < 1e-12);
     }
 

@@ -2,9 +2,9 @@
 
 use std::f64::consts::PI;
 
-use faer::{Accum, Mat, MatRef};
+use faer::{Mat, MatRef};
 use glam::DVec3;
-use gonio_linalg::{dispatch, dot, multiply};
+use gonio_linalg::product;
 
 use crate::reflectance::parametric::{HORIZON, directions};
 use crate::reflectance::{BivariateTable, CELLS, THETA_D, THETA_H, angles_of, theta_d_of, theta_h_of};
@@ -82,27 +82,24 @@ impl Sketch {
     /// Returns the picture of the tables to fit.
     pub(super) fn target(&self, tables: &[BivariateTable; 3]) -> Vec<DVec3> {
         let value = |(h, d)| DVec3::from_array(tables.each_ref().map(|table| table.eval(h, d)));
-        self.picture(&places().map(value).collect::<Vec<_>>())
+        self.picture(places().map(value).collect())
     }
 
     /// Returns the picture of a model.
     pub(super) fn picture_of<S: Shading>(&self, model: &S) -> Vec<DVec3> {
-        self.picture(&self.values(model.evaluator()))
+        self.picture(self.values(model.evaluator()))
     }
 
-    /// Returns the derivatives of the unclamped picture of a model whose values have these
-    /// derivatives in the cells: `[parameter][point]`.
-    pub(super) fn derivatives(&self, of_values: &[Vec<DVec3>]) -> Vec<Vec<DVec3>> {
+    /// Returns the unclamped pictures of several lists of values in the cells: `[list][point]`.
+    pub(super) fn products(&self, lists: &[Vec<DVec3>]) -> Vec<Vec<DVec3>> {
         let [r, g, b] = [0, 1, 2].map(|c| {
             let cells = self.cells.len();
-            let values = Mat::from_fn(cells, of_values.len(), |cell, k| of_values[k][cell][c] as f32);
+            let values = Mat::from_fn(cells, lists.len(), |cell, k| lists[k][cell][c] as f32);
             let matrix = MatRef::from_row_major_slice(&self.matrix[c], self.matrix[c].len() / cells, cells);
-            let mut product = Mat::zeros(matrix.nrows(), of_values.len());
-            multiply(product.as_mut(), Accum::Replace, matrix, values.as_ref(), 1.0);
-            product
+            product(matrix, values.as_ref())
         });
         let colour = |point, k| DVec3::new(r[(point, k)].into(), g[(point, k)].into(), b[(point, k)].into());
-        (0..of_values.len()).map(|k| (0..r.nrows()).map(|point| colour(point, k)).collect()).collect()
+        (0..lists.len()).map(|k| (0..r.nrows()).map(|point| colour(point, k)).collect()).collect()
     }
 
     /// Returns the RGB values of a model in the cells.
@@ -115,15 +112,10 @@ impl Sketch {
     }
 
     /// Returns the colour of each point for these values.
-    pub(super) fn picture(&self, values: &[DVec3]) -> Vec<DVec3> {
-        let channel = |c: usize| {
-            let of_cells: Vec<f64> = values.iter().map(|v| v[c]).collect();
-            let rows = self.matrix[c].chunks_exact(of_cells.len());
-            dispatch(|| rows.map(|row| dot(row, &of_cells)).collect::<Vec<f64>>())
-        };
-        let [r, g, b] = [0, 1, 2].map(channel);
-        let points = r.into_iter().zip(g).zip(b);
-        points.map(|((r, g), b)| DVec3::new(r, g, b).max(DVec3::ZERO)).collect()
+    pub(super) fn picture(&self, values: Vec<DVec3>) -> Vec<DVec3> {
+        let mut pictures = self.products(&[values]);
+        pictures[0].iter_mut().for_each(|colour| *colour = colour.max(DVec3::ZERO));
+        pictures.swap_remove(0)
     }
 }
 

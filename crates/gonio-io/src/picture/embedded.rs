@@ -5,7 +5,7 @@ use std::path::Path;
 use image::{ImageDecoder, ImageFormat};
 
 use super::curve::Curve;
-use super::icc::{self, MAX_PROFILE, Profile};
+use super::icc::{self, Profile, limited};
 use super::png::{ColourChunks, colour_chunks};
 use super::space::{Conversion, DeclaredSpace, SpaceSource};
 use super::tiff;
@@ -49,16 +49,12 @@ impl Embedded {
     /// # Errors
     /// Like [`of`](Self::of).
     pub(super) fn of_tiff(path: &Path, bytes: &[u8]) -> Result<Self, Error> {
-        Self::of_bytes(path, tiff::icc_profile(bytes).map(<[u8]>::to_vec))
+        Self::of_bytes(path, tiff::icc_profile(bytes))
     }
 
     fn of_bytes(path: &Path, profile: Option<Vec<u8>>) -> Result<Self, Error> {
         let Some(profile) = profile.filter(|profile| !profile.is_empty()) else { return Ok(Self::default()) };
-        if profile.len() > MAX_PROFILE {
-            let problem = format!("has an ICC profile of more than {MAX_PROFILE} bytes");
-            return Err(Error::limits(path, problem, "remove the ICC profile"));
-        }
-        Ok(Self::of_profile(profile))
+        Ok(Self::of_profile(limited(path, profile)?))
     }
 
     fn of_profile(bytes: Vec<u8>) -> Self {

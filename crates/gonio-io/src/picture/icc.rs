@@ -4,12 +4,14 @@
 //! Tables are evaluated by the relative colorimetric intent, or else by the perceptual one.
 
 use std::panic::catch_unwind;
+use std::path::Path;
 
 use glam::{DMat3, DVec2, DVec3, Vec3};
 use moxcms::{
     ColorProfile, DataColorSpace, Layout, ParsingOptions, ProfileText, RenderingIntent, ToneReprCurve, TransformOptions,
 };
 
+use crate::Error;
 use crate::colour_space::{ColourSpace, D65, bradford};
 
 /// Longest profile that is read, in bytes. Profiles of cameras with tables have about one MiB.
@@ -30,6 +32,18 @@ pub(super) enum Profile {
     Grey { curve: ToneReprCurve },
     /// A table from codes to colours.
     Table { name: String },
+}
+
+/// Returns a profile of a file.
+///
+/// # Errors
+/// If it is longer than [`MAX_PROFILE`].
+pub(super) fn limited(path: &Path, profile: Vec<u8>) -> Result<Vec<u8>, Error> {
+    if profile.len() > MAX_PROFILE {
+        let problem = format!("has an ICC profile of more than {MAX_PROFILE} bytes");
+        return Err(Error::limits(path, problem, "remove the ICC profile"));
+    }
+    Ok(profile)
 }
 
 /// Parses a profile of at most [`MAX_PROFILE`] bytes.

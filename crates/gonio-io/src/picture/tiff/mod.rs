@@ -5,13 +5,12 @@
 //! integers of 32 or 64 bits, grey with alpha, separate or further channels, or tiles.
 
 mod chunks;
-mod profile;
 
 use std::io::Cursor;
 use std::path::Path;
 
 use ::tiff::decoder::{ChunkType, Decoder, Limits};
-use ::tiff::tags::{ExtraSamples, PlanarConfiguration, Predictor, SampleFormat, Tag};
+use ::tiff::tags::{ExtraSamples, PlanarConfiguration, Predictor, SampleFormat, Tag, Type, ValueBuffer};
 use ::tiff::{ColorType, TiffError};
 use image::DynamicImage;
 use image::metadata::Orientation;
@@ -22,9 +21,18 @@ use super::ReadOptions;
 use super::integer::Samples;
 use crate::Error;
 
-pub(super) use profile::icc_profile;
-
 type Reader<'a> = Decoder<Cursor<&'a [u8]>>;
+
+/// Returns the ICC profile of the first picture of a file, if there is one.
+pub(super) fn icc_profile(bytes: &[u8]) -> Option<Vec<u8>> {
+    let mut limits = Limits::default();
+    // The decoder of `image` rejects profiles that are long in relation to the picture.
+    limits.ifd_value_size = bytes.len();
+    let mut reader = Decoder::new(Cursor::new(bytes)).ok()?.with_limits(limits);
+    let mut profile = ValueBuffer::empty(Type::BYTE);
+    reader.image_ifd().find_tag_buf(Tag::IccProfile, &mut profile).ok()??;
+    matches!(profile.data_type(), Type::BYTE | Type::UNDEFINED).then(|| profile.as_bytes().to_vec())
+}
 
 /// Reads the first picture of a file. Integers of more than 16 bits become floats, divided by the
 /// largest code. Returns `None` for files that the decoder of `image` reads.

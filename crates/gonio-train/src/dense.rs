@@ -25,20 +25,15 @@ impl DenseTrace {
 }
 
 impl Dense {
-    /// Runs the forward pass for inputs `[sample][inputs]`. `masks` multiply the units of the
-    /// hidden layers, `[sample][units]`; without masks there is no dropout.
-    pub(crate) fn forward(&self, inputs: Vec<f32>, weights: &[Vec<f32>], masks: &[Vec<f32>]) -> DenseTrace {
+    /// Runs the forward pass for inputs `[sample][inputs]`.
+    pub(crate) fn forward(&self, inputs: Vec<f32>, weights: &[Vec<f32>]) -> DenseTrace {
         let mut trace = DenseTrace { vectors: vec![inputs], before: Vec::new() };
         for (at, layer) in self.layers.iter().enumerate() {
             let out = affine(&layer.geometry, &weights[at], trace.outputs(), None);
             if at + 1 == self.layers.len() {
                 trace.vectors.push(out);
             } else {
-                let mut units = activated(&out);
-                if let Some(mask) = masks.get(at) {
-                    units.iter_mut().zip(mask).for_each(|(u, m)| *u *= m);
-                }
-                trace.vectors.push(units);
+                trace.vectors.push(activated(&out));
                 trace.before.push(out);
             }
         }
@@ -46,21 +41,17 @@ impl Dense {
     }
 
     /// Returns the gradients with respect to the weights of each layer and to the inputs, given the
-    /// gradient `back` with respect to the outputs and the masks of the forward pass.
+    /// gradient `back` with respect to the outputs.
     pub(crate) fn backward(
         &self,
         mut trace: DenseTrace,
         back: Vec<f32>,
         weights: &[Vec<f32>],
-        masks: &[Vec<f32>],
     ) -> (Vec<Vec<f32>>, Vec<f32>) {
         let mut gradients = vec![Vec::new(); self.layers.len()];
         let mut now = back;
         for (at, layer) in self.layers.iter().enumerate().rev() {
             if at + 1 < self.layers.len() {
-                if let Some(mask) = masks.get(at) {
-                    now.iter_mut().zip(mask).for_each(|(n, m)| *n *= m);
-                }
                 now = input_gradient(&mut trace.before[at], &now);
             }
             let input = &trace.vectors[at];

@@ -120,10 +120,10 @@ impl Regression<'_> {
             rows.clone().flat_map(|row| &all[row * width..][..width]).copied().collect()
         };
         let weights = self.parameters.weights(values);
-        let trace = self.network.forward(of(&self.inputs), &weights, &[]);
+        let trace = self.network.forward(of(&self.inputs), &weights);
         let targets = of(&self.targets);
         let scale = 2.0 / targets.len() as f32;
         let back = trace.outputs().iter().zip(targets).map(|(found, target)| scale * (found - target)).collect();
-        self.parameters.backward(values, &self.network.backward(trace, back, &weights, &[]).0)
+        self.parameters.backward(values, &self.network.backward(trace, back, &weights).0)
     }
 }

@@ -102,16 +102,8 @@ impl Layers {
     }
 
     /// Runs the forward pass for images `[sample][side][side][channels]` and globals
-    /// `[sample][globals]`. `masks` multiply the units of the hidden layers, `[sample][units]`;
-    /// without masks there is no dropout.
-    pub(crate) fn forward(
-        &self,
-        images: Vec<f32>,
-        globals: &[f32],
-        count: usize,
-        weights: &[Vec<f32>],
-        masks: &[Vec<f32>],
-    ) -> Trace {
+    /// `[sample][globals]`.
+    pub(crate) fn forward(&self, images: Vec<f32>, globals: &[f32], count: usize, weights: &[Vec<f32>]) -> Trace {
         let (mut images, mut pooled, mut before) = (vec![images], Vec::new(), Vec::new());
         for step in &self.steps {
             let convolve = |at: usize, input: &[f32], added: Option<&[f32]>| {
@@ -149,24 +141,18 @@ impl Layers {
                 first.extend_from_slice(&part[at * each..][..each]);
             }
         }
-        let dense = self.dense.forward(first, &weights[self.convolutions.len()..], masks);
+        let dense = self.dense.forward(first, &weights[self.convolutions.len()..]);
         Trace { images, pooled, before, dense }
     }
 
     /// Returns the gradient with respect to the weights of each layer, given the gradient with
-    /// respect to the outputs `[sample][outputs]` and the masks of the forward pass.
-    pub(crate) fn backward(
-        &self,
-        trace: Trace,
-        back: Vec<f32>,
-        weights: &[Vec<f32>],
-        masks: &[Vec<f32>],
-    ) -> Vec<Vec<f32>> {
+    /// respect to the outputs `[sample][outputs]`.
+    pub(crate) fn backward(&self, trace: Trace, back: Vec<f32>, weights: &[Vec<f32>]) -> Vec<Vec<f32>> {
         let convolutions = self.convolutions.len();
         let mut gradients = vec![Vec::new(); convolutions];
         let count = trace.outputs().len() / self.dense.layers.last().map_or(1, |l| l.geometry.outputs);
         let Trace { images, mut pooled, mut before, dense } = trace;
-        let (dense, vector) = self.dense.backward(dense, back, &weights[convolutions..], masks);
+        let (dense, vector) = self.dense.backward(dense, back, &weights[convolutions..]);
         let mut end: usize = pooled.iter().map(|p| p.len() / count).sum();
         let mut layer = convolutions;
         let mut now = vec![0.0; images[layer].len()];

@@ -76,56 +76,53 @@ fn small() -> TrainingSettings {
 
 #[test]
 fn the_gradient_matches_the_loss() {
-    for drop in [0.0, 0.3] {
-        let model = Model::new(&SMALL, &TrainingSettings { dropout: drop, ..small() }).unwrap();
-        let values = model.parameters.random(7);
-        let negatives: Vec<f32> = (0..14).map(|at| uniform(at, 77)).collect();
-        let batch = Batch { samples: &SMALL, first: 5, count: MICRO_BATCH + 3, negatives: &negatives, seed: 3 };
-        let gradient = model.learn(&values, batch).gradient;
-        assert_eq!(gradient.len(), values.len());
-        // Check each tensor along its gradient: the effect of a single entry is below the rounding
-        // of the loss.
-        let ranges = model.parameters.ranges();
-        // The last bias adds the same value to the scores of all materials, and has no gradient.
-        for range in &ranges[..ranges.len() - 1] {
-            let length = gradient[range.clone()].iter().map(|g| f64::from(*g).powi(2)).sum::<f64>().sqrt();
-            assert!(length > 1e-4, "{range:?}");
-            let moved = |step: f64| {
-                let mut values = values.clone();
-                let ways = values[range.clone()].iter_mut().zip(&gradient[range.clone()]);
-                ways.for_each(|(v, g)| *v += (step / length) as f32 * g);
-                model.learn(&values, batch).loss
-            };
-            let step = 5e-3;
-            let numeric = (moved(step) - moved(-step)) / (2.0 * step);
-            assert!((numeric - length).abs() < 0.01 * length + 3e-4, "{range:?}: {numeric} {length}");
-        }
-        // Check random directions in the space of all parameters.
-        for direction in 0..10 {
-            let way: Vec<f32> = (0..values.len()).map(|at| uniform(at as u64, direction)).collect();
-            let moved = |step: f32| {
-                let values: Vec<f32> = values.iter().zip(&way).map(|(v, w)| v + step * w).collect();
-                model.learn(&values, batch).loss
-            };
-            let step = 1e-3;
-            let numeric = (moved(step) - moved(-step)) / f64::from(2.0 * step);
-            let got: f64 = gradient.iter().zip(&way).map(|(g, w)| f64::from(g * w)).sum();
-            assert!((numeric - got).abs() < 0.02 * (1.0 + numeric.abs()), "{direction}: {numeric} {got}");
-        }
+    let model = Model::new(&SMALL, &small()).unwrap();
+    let values = model.parameters.random(7);
+    let negatives: Vec<f32> = (0..14).map(|at| uniform(at, 77)).collect();
+    let batch = Batch { samples: &SMALL, first: 5, count: MICRO_BATCH + 3, negatives: &negatives };
+    let gradient = model.learn(&values, batch).gradient;
+    assert_eq!(gradient.len(), values.len());
+    // Check each tensor along its gradient: the effect of a single entry is below the rounding
+    // of the loss.
+    let ranges = model.parameters.ranges();
+    // The last bias adds the same value to the scores of all materials, and has no gradient.
+    for range in &ranges[..ranges.len() - 1] {
+        let length = gradient[range.clone()].iter().map(|g| f64::from(*g).powi(2)).sum::<f64>().sqrt();
+        assert!(length > 1e-4, "{range:?}");
+        let moved = |step: f64| {
+            let mut values = values.clone();
+            let ways = values[range.clone()].iter_mut().zip(&gradient[range.clone()]);
+            ways.for_each(|(v, g)| *v += (step / length) as f32 * g);
+            model.learn(&values, batch).loss
+        };
+        let step = 5e-3;
+        let numeric = (moved(step) - moved(-step)) / (2.0 * step);
+        assert!((numeric - length).abs() < 0.01 * length + 3e-4, "{range:?}: {numeric} {length}");
+    }
+    // Check random directions in the space of all parameters.
+    for direction in 0..10 {
+        let way: Vec<f32> = (0..values.len()).map(|at| uniform(at as u64, direction)).collect();
+        let moved = |step: f32| {
+            let values: Vec<f32> = values.iter().zip(&way).map(|(v, w)| v + step * w).collect();
+            model.learn(&values, batch).loss
+        };
+        let step = 1e-3;
+        let numeric = (moved(step) - moved(-step)) / f64::from(2.0 * step);
+        let got: f64 = gradient.iter().zip(&way).map(|(g, w)| f64::from(g * w)).sum();
+        assert!((numeric - got).abs() < 0.02 * (1.0 + numeric.abs()), "{direction}: {numeric} {got}");
     }
 }
 
 #[test]
 fn the_exported_encoder_matches_the_forward_pass() {
-    let settings = TrainingSettings { dropout: 0.0, ..small() };
-    let model = Model::new(&SMALL, &settings).unwrap();
+    let model = Model::new(&SMALL, &small()).unwrap();
     assert!(model.shape.steps().contains(&Step::Pool));
     let mut values = model.parameters.random(7);
     values.iter_mut().enumerate().for_each(|(i, v)| *v += 0.1 * uniform(i as u64, 9));
     let encoder = model.parameters.export(&values, &model.shape).unwrap();
     let weights = model.parameters.weights(&values);
     let part = MicroBatch::draw(&SMALL, 3, 4);
-    let trace = model.layers.forward(part.images.clone(), &part.globals, 4, &weights, &[]);
+    let trace = model.layers.forward(part.images.clone(), &part.globals, 4, &weights);
     for (at, want) in trace.outputs().chunks_exact(5).enumerate() {
         let (got, features) = encoder.apply(&part.images[at * 512..][..512], &part.globals[at * 2..][..2]);
         assert_eq!(features.len(), 9);
@@ -163,8 +160,7 @@ fn loss_of(trained: &Trained, first: u64, count: usize) -> f64 {
 #[test]
 fn training_learns_visible_targets() {
     let (steps, hidden) = (300, vec![32, 32]);
-    let settings =
-        TrainingSettings { steps, batch: 32, learning_rate: 5e-3, dropout: 0.0, ema_decay: 0.98, hidden, ..small() };
+    let settings = TrainingSettings { steps, batch: 32, learning_rate: 5e-3, ema_decay: 0.98, hidden, ..small() };
     let trained = train(&settings).unwrap();
     // The loss is 0 for a guess, and -log 200 = -5.3 for certainty.
     let loss = loss_of(&trained, 1_000_000, 200);
@@ -176,11 +172,7 @@ fn training_learns_visible_targets() {
 
 #[test]
 fn rejects_wrong_settings_and_reports_divergence() {
-    let wrong = [
-        TrainingSettings { dropout: 1.0, ..small() },
-        TrainingSettings { embedding: 0, ..small() },
-        TrainingSettings { widths: vec![4; 8], ..small() },
-    ];
+    let wrong = [TrainingSettings { embedding: 0, ..small() }, TrainingSettings { widths: vec![4; 8], ..small() }];
     for settings in wrong {
         assert!(train(&settings).is_err());
     }
@@ -193,7 +185,7 @@ fn a_resumed_training_gives_the_same_result() {
     let kept: std::cell::RefCell<Vec<Checkpoint>> = std::cell::RefCell::default();
     let keep = |checkpoint: &dyn Fn() -> Checkpoint| kept.borrow_mut().push(checkpoint());
     let monitor = Monitor { progress: &|_, _| (), keep: &keep };
-    let settings = TrainingSettings { dropout: 0.2, ..small() };
+    let settings = small();
     let (whole, losses) = crate::train(&mut { SMALL }, &settings, None, None, &monitor).unwrap();
     let kept = kept.into_inner();
     assert_eq!(kept.iter().map(Checkpoint::step).collect::<Vec<_>>(), [1, 2, 3, 4]);

@@ -1,8 +1,6 @@
 //! The training loop over batches.
 
 use gonio::inference::learnt::{Convolution, Encoder, EncoderError, EncoderShape, NamedLayer};
-use rand::{RngExt, SeedableRng};
-use rand_pcg::Pcg64;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -32,8 +30,6 @@ pub struct TrainingSettings {
     pub learning_rate: f64,
     /// Weight decay.
     pub weight_decay: f64,
-    /// Dropout: share of the units of hidden dense layers left out at random.
-    pub dropout: f64,
     /// Dimensions of an embedding.
     pub embedding: usize,
     /// Number of materials with which each image's own material is contrasted: those of the
@@ -54,7 +50,7 @@ pub struct TrainingSettings {
     /// would suffice for most photographs, but would leave very few materials to the most certain
     /// posteriors (`docs/trials.md`).
     pub candidates: usize,
-    /// Seed of the initial weights and of dropout.
+    /// Seed of the initial weights.
     pub seed: u64,
 }
 
@@ -66,7 +62,6 @@ impl Default for TrainingSettings {
             batch: 128,
             learning_rate: 2e-3,
             weight_decay: 1e-3,
-            dropout: 0.0,
             embedding: 64,
             negatives: 2048,
             materials: vec![256, 256],
@@ -147,7 +142,6 @@ pub(crate) struct Model {
     pub(crate) layers: Layers,
     pub(crate) materials: Dense,
     pub(crate) parameters: Parameters,
-    dropout: f64,
 }
 
 /// Result of a training: an encoder of images, and the matching embedding of materials.
@@ -165,15 +159,15 @@ impl Trained {
     /// Returns the embedding of a material at given coordinates. Its product with that of an image
     /// is the logarithm of the image's likelihood, up to a constant of the image.
     pub fn embed(&self, place: &[f32]) -> Vec<f32> {
-        let trace = self.model.materials.forward(bounded(place), &self.weights, &[]);
+        let trace = self.model.materials.forward(bounded(place), &self.weights);
         let scale = 1.0 / (trace.outputs().len() as f32).sqrt();
         trace.outputs().iter().map(|v| scale * v).collect()
     }
 
-    /// Computes the mean loss in nats of `count` samples from `first` on, as in training but
-    /// without dropout. Their materials are contrasted with the last materials of the training.
+    /// Computes the mean loss in nats of `count` samples from `first` on. Their materials are
+    /// contrasted with the last materials of the training.
     pub fn loss(&self, samples: &dyn Samples, first: u64, count: usize) -> f64 {
-        self.model.learn(&self.values, Batch { samples, first, count, negatives: &self.negatives, seed: 0 }).loss
+        self.model.learn(&self.values, Batch { samples, first, count, negatives: &self.negatives }).loss
     }
 }
 
@@ -186,8 +180,6 @@ pub(crate) struct Batch<'a> {
     pub(crate) count: usize,
     /// Coordinates of the materials to contrast with the samples' own, one after the other.
     pub(crate) negatives: &'a [f32],
-    /// Seed of dropout.
-    pub(crate) seed: u64,
 }
 
 /// Loss and gradient of a batch.
@@ -219,7 +211,6 @@ impl Model {
         check(settings.materials.iter().all(|units| (1..=4096).contains(units)), "materials")?;
         check(settings.steps > 0, "steps")?;
         check(settings.batch > 0, "batch")?;
-        check((0.0..1.0).contains(&settings.dropout), "dropout")?;
         check((0.0..1.0).contains(&settings.ema_decay), "ema_decay")?;
         check(settings.max_gradient_norm > 0.0, "max_gradient_norm")?;
         check((1..=64).contains(&dimensions), "dimensions of the samples")?;
@@ -241,45 +232,30 @@ impl Model {
         };
         let materials = Dense { layers: sizes.windows(2).enumerate().map(material).collect() };
         let parameters = Parameters::new(layers.all().chain(&materials.layers));
-        Ok(Self { shape, layers, materials, parameters, dropout: settings.dropout })
+        Ok(Self { shape, layers, materials, parameters })
     }
 
     /// Computes loss and gradients of the images of a part, contrasting their own materials with
-    /// the embeddings `negatives`. `seed` determines dropout.
-    fn micro_batch(&self, part: MicroBatch, weights: &[Vec<f32>], negatives: &[f32], seed: u64) -> MicroBatchGradient {
-        let masks = self.masks(part.count, seed);
+    /// the embeddings `negatives`.
+    fn micro_batch(&self, part: MicroBatch, weights: &[Vec<f32>], negatives: &[f32]) -> MicroBatchGradient {
         let (encoder, materials) = weights.split_at(self.layers.all().count());
-        let images = self.layers.forward(part.images, &part.globals, part.count, encoder, &masks);
-        let own = self.materials.forward(bounded(&part.targets), materials, &[]);
+        let images = self.layers.forward(part.images, &part.globals, part.count, encoder);
+        let own = self.materials.forward(bounded(&part.targets), materials);
         let (mut to_images, mut to_own) = (images.outputs().to_vec(), own.outputs().to_vec());
         let mut to_negatives = vec![0.0; negatives.len()];
         let loss = contrast(&mut to_images, &mut to_own, negatives, &mut to_negatives, self.shape.outputs);
-        let mut gradients = self.layers.backward(images, to_images, encoder, &masks);
-        gradients.extend(self.materials.backward(own, to_own, materials, &[]).0);
+        let mut gradients = self.layers.backward(images, to_images, encoder);
+        gradients.extend(self.materials.backward(own, to_own, materials).0);
         MicroBatchGradient { loss, gradients, to_negatives, coordinates: part.targets }
     }
 
-    /// Dropout masks of the hidden layers: zero for units left out, and more than one for the rest
-    /// to keep the mean.
-    fn masks(&self, count: usize, seed: u64) -> Vec<Vec<f32>> {
-        if self.dropout == 0.0 {
-            return Vec::new();
-        }
-        let mut rng = Pcg64::seed_from_u64(seed);
-        let rest = (1.0 / (1.0 - self.dropout)) as f32;
-        let mut draw = || if rng.random_range(0.0..1.0) < self.dropout { 0.0 } else { rest };
-        self.shape.hidden.iter().map(|units| (0..count * units).map(|_| draw()).collect()).collect()
-    }
-
     pub(crate) fn learn(&self, values: &[f32], batch: Batch<'_>) -> BatchGradient {
-        let Batch { samples, first, count, negatives, seed } = batch;
+        let Batch { samples, first, count, negatives } = batch;
         let weights = self.parameters.weights(values);
         let images = self.layers.all().count();
         let rows = ROWS * samples.dimensions();
-        let traces: Vec<DenseTrace> = negatives
-            .par_chunks(rows)
-            .map(|rows| self.materials.forward(bounded(rows), &weights[images..], &[]))
-            .collect();
+        let traces: Vec<DenseTrace> =
+            negatives.par_chunks(rows).map(|rows| self.materials.forward(bounded(rows), &weights[images..])).collect();
         let embedded: Vec<f32> = traces.iter().flat_map(|trace| trace.outputs()).copied().collect();
         let parts: Vec<MicroBatchGradient> = (0..count.div_ceil(MICRO_BATCH))
             .into_par_iter()
@@ -289,16 +265,14 @@ impl Model {
                     first + (at * MICRO_BATCH) as u64,
                     MICRO_BATCH.min(count - at * MICRO_BATCH),
                 );
-                // Neighbouring seeds of the generator give unrelated streams.
-                let seed = (seed << 32).wrapping_add(first).wrapping_add((at * MICRO_BATCH) as u64);
-                self.micro_batch(part, &weights, &embedded, seed)
+                self.micro_batch(part, &weights, &embedded)
             })
             .collect();
         let to_negatives = sum(parts.iter().map(|p| p.to_negatives.as_slice()), embedded.len());
         let back: Vec<Vec<Vec<f32>>> = traces
             .into_par_iter()
             .zip(to_negatives.par_chunks(ROWS * self.shape.outputs))
-            .map(|(trace, back)| self.materials.backward(trace, back.to_vec(), &weights[images..], &[]).0)
+            .map(|(trace, back)| self.materials.backward(trace, back.to_vec(), &weights[images..]).0)
             .collect();
         let scale = 1.0 / count as f32;
         let gradients: Vec<Vec<f32>> = (0..weights.len())
@@ -318,10 +292,9 @@ impl Model {
         }
     }
 
-    fn finish(mut self, values: Vec<f32>, negatives: Vec<f32>) -> Result<Trained, TrainError> {
+    fn finish(self, values: Vec<f32>, negatives: Vec<f32>) -> Result<Trained, TrainError> {
         let encoder = self.parameters.export(&values, &self.shape)?;
         let weights = self.parameters.weights(&values).split_off(self.layers.all().count());
-        self.dropout = 0.0;
         Ok(Trained { encoder, model: self, weights, values, negatives })
     }
 }
@@ -390,7 +363,7 @@ pub fn train(
     for step in first_step..settings.steps {
         samples.advance(step);
         let first = (step * settings.batch) as u64;
-        let batch = Batch { samples, first, count: settings.batch, negatives: &negatives, seed: settings.seed };
+        let batch = Batch { samples, first, count: settings.batch, negatives: &negatives };
         let BatchGradient { loss, gradient, coordinates } = model.learn(&values, batch);
         if !loss.is_finite() || gradient.iter().any(|g| !g.is_finite()) {
             return Err(TrainError::Diverged { step });

@@ -2,7 +2,10 @@
 
 use std::ops::Range;
 
-use crate::reflectance::{BivariateTable, CELLS, LatentSpace, THETA_D, nearest_trusted};
+use faer::MatRef;
+use gonio_linalg::{axpy, dispatch, product};
+
+use crate::reflectance::{BivariateTable, CELLS, LatentSpace, THETA_D, THETA_H, nearest_trusted};
 
 /// Number of splines along the half angle and along the difference angle. Half angles are measured
 /// in samples of a table, which are dense where highlights are sharp.
@@ -27,9 +30,9 @@ pub(super) struct ParameterSpace {
     /// `[cell][axis]`.
     axes: Vec<f64>,
     pub(super) dimensions: usize,
-    /// For each cell and angle, the index of the first non-zero spline, and the values of this
-    /// spline and its successors.
-    splines: Vec<[(usize, [f64; SUPPORT]); 2]>,
+    /// For each sample of the half angle and of the difference angle, the index of the first
+    /// non-zero spline, and the values of this spline and its successors.
+    splines: [Vec<(usize, [f64; SUPPORT])>; 2],
 }
 
 impl ParameterSpace {
@@ -40,16 +43,15 @@ impl ParameterSpace {
     /// Creates the space around a mean logarithm (by cell), with axes `[axis][cell]`.
     pub(super) fn around(mean: &[f32], axes: &[Vec<f32>]) -> Self {
         let nearest: Vec<usize> = (0..CELLS).map(nearest_trusted).collect();
-        let [last_h, last_d] = nearest.iter().fold([0, 0], |[h, d], c| [h.max(c / THETA_D), d.max(c % THETA_D)]);
-        let splines = |cell: &usize| {
-            let at = |index: usize, last: usize, count: usize| splines(index as f64 / last as f64, count);
-            [at(cell / THETA_D, last_h, SPLINES[0]), at(cell % THETA_D, last_d, SPLINES[1])]
+        let last = nearest[CELLS - 1];
+        let along = |samples: usize, last: usize, count: usize| -> Vec<_> {
+            (0..samples).map(|index| splines(index.min(last) as f64 / last as f64, count)).collect()
         };
         Self {
             mean: nearest.iter().map(|&c| f64::from(mean[c])).collect(),
             axes: nearest.iter().flat_map(|&c| axes.iter().map(move |axis| f64::from(axis[c]))).collect(),
             dimensions: axes.len(),
-            splines: nearest.iter().map(splines).collect(),
+            splines: [along(THETA_H, last / THETA_D, SPLINES[0]), along(THETA_D, last % THETA_D, SPLINES[1])],
         }
     }
 
@@ -79,33 +81,31 @@ impl ParameterSpace {
         self.dimensions..self.len() - 1
     }
 
-    /// Adds `scale` times the derivatives of the logarithm in a cell to `row`.
-    pub(super) fn add_derivatives(&self, cell: usize, scale: f64, row: &mut [f64]) {
-        let k = self.dimensions;
-        for (sum, axis) in row[..k].iter_mut().zip(&self.axes[cell * k..][..k]) {
-            *sum += scale * axis;
-        }
-        let [(first_h, of_h), (first_d, of_d)] = &self.splines[cell];
-        for (i, h) in of_h.iter().enumerate() {
-            let at = k + (first_h + i) * SPLINES[1] + first_d;
-            row[at..at + SUPPORT].iter_mut().zip(of_d).for_each(|(sum, d)| *sum += scale * h * d);
-        }
-        row[self.constant()] += scale;
+    /// Sums the derivatives of the logarithms in cells, with these weights.
+    pub(super) fn sum_of_derivatives(&self, weights: impl Iterator<Item = (usize, f64)>) -> Vec<f64> {
+        let mut sum = vec![0.0; self.len()];
+        dispatch(DerivativeSum { space: self, weights, sum: &mut sum });
+        sum
     }
 
     /// Change of the logarithm in every cell along a step of the coefficients.
     pub(super) fn change(&self, step: &[f64]) -> Vec<f64> {
         let k = self.dimensions;
-        let change = |cell: usize| {
-            let along_axes: f64 = self.axes[cell * k..][..k].iter().zip(step).map(|(a, z)| a * z).sum();
-            let [(first_h, of_h), (first_d, of_d)] = &self.splines[cell];
-            let rows = of_h.iter().enumerate().map(|(i, h)| {
-                let at = k + (first_h + i) * SPLINES[1] + first_d;
-                h * step[at..at + SUPPORT].iter().zip(of_d).map(|(w, d)| w * d).sum::<f64>()
+        let weights = &step[k..];
+        let axes = MatRef::from_row_major_slice(&self.axes, CELLS, k);
+        let along_axes = product(axes, MatRef::from_column_major_slice(&step[..k], k, 1));
+        let mut out = Vec::with_capacity(CELLS);
+        for (first_h, of_h) in &self.splines[0] {
+            // Coefficients of the splines along the difference angle at this half angle.
+            let along_d: [f64; SPLINES[1]] = std::array::from_fn(|d| {
+                of_h.iter().enumerate().map(|(i, h)| h * weights[(first_h + i) * SPLINES[1] + d]).sum()
             });
-            along_axes + rows.sum::<f64>() + step[self.constant()]
-        };
-        (0..CELLS).map(change).collect()
+            for (first_d, of_d) in &self.splines[1] {
+                let of_splines: f64 = along_d[*first_d..].iter().zip(of_d).map(|(w, d)| w * d).sum();
+                out.push(along_axes[(out.len(), 0)] + of_splines + step[self.constant()]);
+            }
+        }
+        out
     }
 
     /// Reflectance in every cell.
@@ -117,6 +117,35 @@ impl ParameterSpace {
     /// Table of the coefficients.
     pub(super) fn table(&self, coefficients: &[f64]) -> BivariateTable {
         BivariateTable::from_vec(self.values(coefficients).into_iter().map(|v| v as f32).collect())
+    }
+}
+
+/// A sum of derivatives with the vector instructions of the processor.
+struct DerivativeSum<'a, W> {
+    space: &'a ParameterSpace,
+    weights: W,
+    sum: &'a mut [f64],
+}
+
+impl<W: Iterator<Item = (usize, f64)>> pulp::NullaryFnOnce for DerivativeSum<'_, W> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let Self { space, weights, sum } = self;
+        let k = space.dimensions;
+        let (along_axes, others) = sum.split_at_mut(k);
+        let (constant, of_splines) = others.split_last_mut().expect("the constant is the last coefficient");
+        for (cell, weight) in weights {
+            axpy(weight, &space.axes[cell * k..][..k], along_axes);
+            let [(first_h, of_h), (first_d, of_d)] =
+                [&space.splines[0][cell / THETA_D], &space.splines[1][cell % THETA_D]];
+            for (i, h) in of_h.iter().enumerate() {
+                let at = (first_h + i) * SPLINES[1] + first_d;
+                of_splines[at..at + SUPPORT].iter_mut().zip(of_d).for_each(|(sum, d)| *sum += weight * h * d);
+            }
+            *constant += weight;
+        }
     }
 }
 

@@ -68,9 +68,8 @@ fn draws_depend_on_the_seed_and_have_the_variance_of_the_curvature() {
     // Compares the variance of the log ratio of two cells, which is independent of the scale,
     // between draws and the inverse of the curvature.
     let cells = [1234, 20].map(|n| trusted_cells().nth(n).unwrap());
-    let mut row = vec![0.0; found.coefficients.len()];
-    found.space.add_derivatives(cells[0], 1.0, &mut row);
-    found.space.add_derivatives(cells[1], -1.0, &mut row);
+    let mut row = found.space.sum_of_derivatives([(cells[0], 1.0), (cells[1], -1.0)].into_iter());
+    row.resize(found.coefficients.len(), 0.0);
     let exact: f64 = row.iter().zip(found.curvature.solve(&row)).map(|(a, b)| a * b).sum();
     let log = |t: &BivariateTable, c: usize| f64::from(t.as_slice()[c]).ln();
     let logs: Vec<f64> = draws(2000, 3).iter().map(|t| log(t, cells[0]) - log(t, cells[1])).collect();

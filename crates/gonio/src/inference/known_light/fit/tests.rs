@@ -32,10 +32,10 @@ fn derivatives_agree_with_finite_differences() {
     let normals_of_points: Vec<_> = points.iter().map(|p| p.in_view()).collect();
     let covariance = ErrorModel::new(&normals_of_points, vec![1.0; points.len()], 0.045).factor().unwrap();
     let elsewhere = image.state(moved(&truth, &normals(size, 0.05, 2), 1.0));
-    let all: Vec<usize> = (0..points.len()).collect();
-    let (derivatives, (_, gradient)) = (image.derivatives(&elsewhere, &all), image.equations(&elsewhere, &covariance));
+    let derivatives = image.all_derivatives(&elsewhere);
+    let (_, gradient) = image.equations(&elsewhere, derivatives.clone(), &covariance);
     let exact = image.state(truth.clone());
-    let (normal, _) = image.equations(&exact, &covariance);
+    let (normal, _) = image.equations(&exact, image.all_derivatives(&exact), &covariance);
     for seed in 3..8 {
         let along = normals(size, 1.0, seed);
         let at = |x: &[f64], h: f64| image.state(moved(x, &along, h));

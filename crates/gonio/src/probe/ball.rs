@@ -18,6 +18,7 @@ pub struct MirrorBall {
     camera: Camera,
     centre: DVec3,
     radius: f64,
+    surface: Ellipsoid,
 }
 
 /// Reflection at a point of the image; unit vectors in camera space.
@@ -50,10 +51,10 @@ impl MirrorBall {
             Projection::Orthographic { .. } => true,
             Projection::Perspective { .. } => centre.z < 0.0 && centre.length() > radius,
         };
-        if !(ahead && centre.is_finite() && radius.is_finite() && radius > 0.0) {
-            return Err(SceneError::NotAnEllipse { residual: 0.0, rim: 0 }.into());
+        match Ellipsoid::sphere(centre, radius) {
+            Ok(surface) if ahead => Ok(Self { camera, centre, radius, surface }),
+            _ => Err(SceneError::NotAnEllipse { residual: 0.0, rim: 0 }.into()),
         }
-        Ok(Self { camera, centre, radius })
     }
 
     /// Builds a distant ball from its outline in a picture of `size`.
@@ -140,7 +141,7 @@ impl MirrorBall {
     /// Returns `None` outside the ball.
     pub fn reflection_at(&self, at: (f64, f64)) -> Option<Reflection> {
         let ray = self.camera.ray(at);
-        let normal = Ellipsoid::sphere(self.centre, self.radius).ok()?.hit(&ray)?.normal;
+        let normal = self.surface.hit(&ray)?.normal;
         let cosine = -normal.dot(ray.direction);
         Some(Reflection { direction: ray.direction + 2.0 * cosine * normal, normal, cosine })
     }

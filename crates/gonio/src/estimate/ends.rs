@@ -1,6 +1,8 @@
 //! The two ends of a posterior along the direction that changes the look of the material most.
 
+use faer::Mat;
 use glam::DQuat;
+use gonio_linalg::product;
 
 use super::ALBEDO;
 use crate::appearance::Lattice;
@@ -158,7 +160,8 @@ fn centred(mut rows: Vec<Vec<f64>>) -> Vec<Vec<f64>> {
 /// The iteration starts from `start`, and the scores correlate positively with it.
 fn first_component(rows: &[Vec<f64>], start: &[f64]) -> Vec<f64> {
     let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
-    let gram: Vec<Vec<f64>> = parallel::map(rows, |a| rows.iter().map(|b| dot(a, b)).collect());
+    let matrix = Mat::from_fn(rows[0].len(), rows.len(), |i, j| rows[j][i]);
+    let gram = product(matrix.transpose(), matrix.as_ref());
     let unit = |v: Vec<f64>| {
         let length = dot(&v, &v).sqrt();
         // Draws without differences have no direction.
@@ -166,7 +169,7 @@ fn first_component(rows: &[Vec<f64>], start: &[f64]) -> Vec<f64> {
     };
     let mut scores = unit(start.to_vec());
     for _ in 0..POWER_STEPS {
-        scores = unit(gram.iter().map(|row| dot(row, &scores)).collect());
+        scores = unit((0..rows.len()).map(|j| dot(gram.col_as_slice(j), &scores)).collect());
     }
     let sign = if dot(&scores, start) < 0.0 { -1.0 } else { 1.0 };
     scores.into_iter().map(|s| sign * s).collect()

@@ -21,7 +21,7 @@ fn new_results_replace_earlier_results() {
     }
     // The paper's method estimates neither quantiles nor a posterior of materials.
     bench
-        .run_with_pictures("infer ball.exr -o out --grid 8 --method variational --starts 1 --all-observations")
+        .run_with_pictures("infer ball.exr -o out --grid 4 --method variational --starts 1 --all-observations")
         .succeeds();
     let after = ["brdf.npz", "export", "light.exr", "notes.txt", "relit.png", "result.json", "summary.png"];
     assert_eq!(bench.names("out"), after);

@@ -295,3 +295,47 @@ fn rejects_too_many_channels_and_fewer_than_eight_bits() {
     let error = read(&packed);
     assert!(error.contains("8 or more bits"), "{error}");
 }
+
+/// A file of one pixel with a profile at the end; `big` is BigTIFF.
+fn with_profile(big: bool, big_endian: bool) -> Vec<u8> {
+    let number = |value: usize, length: usize| number(big_endian, length, value as u64);
+    // Lengths in bytes of an offset and of the number of entries, and the type of an offset.
+    let (offset, counter, kind) = if big { (8, 8, 16) } else { (4, 2, 4) };
+    let profile = b"a profile";
+    let header = if big { 16 } else { 8 };
+    let tags = [(256, 1), (257, 1), (258, 8), (259, 1), (262, 1), (273, header), (277, 1), (278, 1), (279, 1)];
+    // After the header and the pixel.
+    let directory = header + 1;
+    let end = directory + counter + (tags.len() + 1) * (4 + 2 * offset) + offset;
+    let mut out = if big_endian { b"MM".to_vec() } else { b"II".to_vec() };
+    out.extend(number(if big { 43 } else { 42 }, 2));
+    if big {
+        out.extend([number(8, 2), number(0, 2)].concat());
+    }
+    out.extend(number(directory, offset));
+    out.push(100);
+    out.extend(number(tags.len() + 1, counter));
+    let entries = tags.map(|(tag, value)| (tag, kind, 1, value)).into_iter();
+    for (tag, kind, length, value) in entries.chain([(34_675, 7, profile.len(), end)]) {
+        out.extend([number(tag, 2), number(kind, 2), number(length, offset), number(value, offset)].concat());
+    }
+    out.extend(number(0, offset));
+    out.extend(profile);
+    out
+}
+
+#[test]
+fn reads_profiles_of_all_file_variants() {
+    for (big, big_endian) in [(false, false), (false, true), (true, false), (true, true)] {
+        let bytes = with_profile(big, big_endian);
+        assert_eq!(icc_profile(&bytes).as_deref(), Some(&b"a profile"[..]), "big {big}, big-endian {big_endian}");
+        for cut in 0..bytes.len() {
+            assert_eq!(icc_profile(&bytes[..cut]), None, "{cut}");
+        }
+        for at in 0..bytes.len() {
+            let mut bad = bytes.clone();
+            bad[at] = 0xff;
+            let _ = icc_profile(&bad);
+        }
+    }
+}

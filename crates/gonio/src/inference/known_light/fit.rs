@@ -222,7 +222,7 @@ impl<'a> ImageModel<'a> {
     /// The equations of finite images always have one.
     fn fit(&mut self, start: State, mut errors: ErrorModel) -> Option<LaplaceFit> {
         let mut state = start;
-        // Those of `state`: half of the time of a fit.
+        // At `state`. They are expensive, and a round needs them several times at the same state.
         let mut derivatives = self.all_derivatives(&state);
         #[cfg(test)]
         let mut trace = Vec::new();

@@ -165,6 +165,11 @@ impl Operator {
         self.clipped.is_some()
     }
 
+    /// Returns the matrix of the light without its clipped pixels, and that of the clipped pixels.
+    pub(super) fn parts(&self) -> impl Iterator<Item = &Relighter> {
+        std::iter::once(&self.rest).chain(&self.clipped)
+    }
+
     /// Returns cells and weights of a point, for clipped pixels `gain` times as bright.
     ///
     /// A cell may occur twice.

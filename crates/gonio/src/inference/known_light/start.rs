@@ -7,6 +7,7 @@ use super::fit::{ImageModel, LOG_FLOOR, State};
 use super::{Operator, PriorMaterials, thinned};
 use crate::parallel;
 use crate::reflectance::CELLS;
+use crate::render::Relighter;
 use crate::statistics::median;
 
 /// Largest number of observations that are compared.
@@ -35,59 +36,58 @@ impl Start {
 
 /// Returns the material and the gain of the clipped pixels whose rendering is nearest to the image.
 ///
-/// The distance is the median absolute deviation of the logarithm. A thousand materials share the
-/// rows of the matrix, so a dense product in single precision is much faster than a sparse
-/// product for each material.
+/// The distance is the median absolute deviation of the logarithm. All materials share the rows of
+/// the matrices, so dense products in single precision are faster than sparse products for each
+/// material.
 pub(super) fn start(operator: &Operator, values: &[f64], materials: &PriorMaterials<'_>) -> Start {
     let rows = thinned(values.len(), COMPARED);
     let floor = LOG_FLOOR * values.iter().sum::<f64>() / values.len() as f64;
     let values: Vec<f64> = rows.iter().map(|&at| values[at]).collect();
     let all: f64 = values.iter().sum();
-    let deviation = |picture: &[f32]| {
-        let ratio = all / picture.iter().map(|p| f64::from(*p)).sum::<f64>().max(1e-300);
-        let logs: Vec<f64> = values
-            .iter()
-            .zip(picture)
-            .map(|(value, p)| ((value + floor) / (ratio * f64::from(*p) + floor)).ln())
-            .collect();
+    let deviation = |picture: &[f64]| {
+        let ratio = all / picture.iter().sum::<f64>().max(1e-300);
+        let logs: Vec<f64> =
+            values.iter().zip(picture).map(|(value, p)| ((value + floor) / (ratio * p + floor)).ln()).collect();
         let middle = median(logs.iter().copied()).unwrap_or(0.0);
         median(logs.iter().map(|l| (l - middle).abs())).unwrap_or(0.0)
     };
     let gains = if operator.clips() { &GAINS[..] } else { &GAINS[..1] };
-    let matrices: Vec<(f64, Mat<f32>)> = gains.iter().map(|&gain| (gain, dense(operator, &rows, gain))).collect();
+    let matrices = dense(operator, &rows);
     let count = materials.starts.len();
     // Gain and deviation of each material.
     let deviations = parallel::flat_map_range(count.div_ceil(GROUP), |group| {
         let first = group * GROUP;
         let tables = materials.tables.subcols(first, GROUP.min(count - first));
-        let mut best = vec![(1.0, f64::INFINITY); tables.ncols()];
-        for (gain, matrix) in &matrices {
-            let pictures = product(matrix.as_ref(), tables);
-            for (at, best) in best.iter_mut().enumerate() {
-                let deviation = deviation(pictures.col_as_slice(at));
-                if deviation < best.1 {
-                    *best = (*gain, deviation);
-                }
-            }
-        }
-        best
+        let pictures: Vec<Mat<f32>> = matrices.iter().map(|matrix| product(matrix.as_ref(), tables)).collect();
+        let best = |at: usize| {
+            let with_gain = |gain: f64| {
+                let sum = |row| pictures.iter().zip([1.0, gain]).map(|(p, by)| by * f64::from(p[(row, at)])).sum();
+                (gain, deviation(&(0..rows.len()).map(sum).collect::<Vec<f64>>()))
+            };
+            let each = gains.iter().map(|gain| with_gain(*gain));
+            each.min_by(|a, b| a.1.total_cmp(&b.1)).expect("at least one gain")
+        };
+        (0..tables.ncols()).map(best).collect::<Vec<_>>()
     });
     let best = deviations.into_iter().enumerate().min_by(|a, b| a.1.1.total_cmp(&b.1.1));
     let (at, (gain, deviation)) = best.expect("at least one material");
     Start { coordinates: materials.starts[at].clone(), gain, deviation }
 }
 
-/// Returns rows of an operator (rows x cells), divided by their largest weight.
+/// Returns rows of the parts of an operator (rows x cells), divided by the largest weight of all.
 ///
 /// The scale of the light has no effect on the comparison, and cannot overflow single precision.
-fn dense(operator: &Operator, rows: &[usize], gain: f64) -> Mat<f32> {
-    let weights = rows.iter().flat_map(|&at| operator.row(at, gain).map(|(_, weight)| weight));
-    let largest = weights.fold(f64::MIN_POSITIVE, f64::max);
-    let mut matrix = Mat::zeros(rows.len(), CELLS);
-    for (i, &at) in rows.iter().enumerate() {
-        for (cell, weight) in operator.row(at, gain) {
-            matrix[(i, cell)] += (weight / largest) as f32;
+fn dense(operator: &Operator, rows: &[usize]) -> Vec<Mat<f32>> {
+    let weights = operator.parts().flat_map(|part| rows.iter().flat_map(|&at| part.row(at).map(|(_, weight)| weight)));
+    let largest = weights.fold(f32::MIN_POSITIVE, f32::max);
+    let part = |part: &Relighter| {
+        let mut matrix = Mat::zeros(rows.len(), CELLS);
+        for (i, &at) in rows.iter().enumerate() {
+            for (cell, weight) in part.row(at) {
+                matrix[(i, cell)] += weight / largest;
+            }
         }
-    }
-    matrix
+        matrix
+    };
+    operator.parts().map(part).collect()
 }

@@ -16,7 +16,6 @@ const NEWTON_STEPS: usize = 40;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MirrorBall {
     camera: Camera,
-    centre: DVec3,
     radius: f64,
     surface: Ellipsoid,
 }
@@ -52,7 +51,7 @@ impl MirrorBall {
             Projection::Perspective { .. } => centre.z < 0.0 && centre.length() > radius,
         };
         match Ellipsoid::sphere(centre, radius) {
-            Ok(surface) if ahead => Ok(Self { camera, centre, radius, surface }),
+            Ok(surface) if ahead => Ok(Self { camera, radius, surface }),
             _ => Err(SceneError::NotAnEllipse { residual: 0.0, rim: 0 }.into()),
         }
     }
@@ -96,8 +95,8 @@ impl MirrorBall {
         match self.camera.projection {
             Projection::Orthographic { .. } => (DVec3::Z, 0.0),
             Projection::Perspective { .. } => {
-                let distance = self.centre.length();
-                (-self.centre / distance, self.radius / distance)
+                let distance = self.surface.centre().length();
+                (-self.surface.centre() / distance, self.radius / distance)
             }
         }
     }
@@ -114,7 +113,7 @@ impl MirrorBall {
         match self.camera.projection {
             Projection::Orthographic { pixels_per_unit } => self.radius * pixels_per_unit,
             Projection::Perspective { focal } => {
-                let ratio = self.radius / self.centre.length();
+                let ratio = self.radius / self.surface.centre().length();
                 focal * ratio / (1.0 - ratio * ratio).sqrt()
             }
         }
@@ -124,7 +123,7 @@ impl MirrorBall {
     pub fn circle(&self) -> Option<Circle> {
         match self.camera.projection {
             Projection::Orthographic { .. } => {
-                let (x, y) = self.camera.project(self.centre)?;
+                let (x, y) = self.camera.project(self.surface.centre())?;
                 Some(Circle { x, y, radius: self.pixels() })
             }
             Projection::Perspective { .. } => None,
@@ -133,7 +132,7 @@ impl MirrorBall {
 
     /// Returns the centre in coordinates of the camera, and the radius.
     pub fn sphere(&self) -> (DVec3, f64) {
-        (self.centre, self.radius)
+        (self.surface.centre(), self.radius)
     }
 
     /// Returns the reflection at the point `(x, y)`, in pixels from the top left corner.
@@ -158,7 +157,7 @@ impl MirrorBall {
     pub(super) fn place_of(&self, direction: DVec3) -> Option<Place> {
         let (axis, ratio) = self.towards_camera();
         let place = |normal: DVec3, cosine: f64| {
-            let at = self.camera.project(self.centre + self.radius * normal)?;
+            let at = self.camera.project(self.surface.centre() + self.radius * normal)?;
             Some(Place { at, cosine })
         };
         if ratio == 0.0 {

@@ -130,7 +130,7 @@ impl<'a, S: Shading> Search<'a, S> {
             (3.0 * mean * root * root).recip()
         };
         let inner: Vec<DVec3> = sketch.picture(here).iter().map(inner).collect();
-        let of_pictures = sketch.products(&of_values);
+        let of_pictures = sketch.unclamped_pictures(&of_values);
         let product = |(slope, inner): (&DVec3, &DVec3)| (*slope * *inner).to_array();
         of_pictures.iter().flat_map(|slopes| slopes.iter().zip(&inner).flat_map(product)).collect()
     }

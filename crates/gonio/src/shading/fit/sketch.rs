@@ -91,7 +91,7 @@ impl Sketch {
     }
 
     /// Returns the unclamped pictures of several lists of values in the cells: `[list][point]`.
-    pub(super) fn products(&self, lists: &[Vec<DVec3>]) -> Vec<Vec<DVec3>> {
+    pub(super) fn unclamped_pictures(&self, lists: &[Vec<DVec3>]) -> Vec<Vec<DVec3>> {
         let [r, g, b] = [0, 1, 2].map(|c| {
             let cells = self.cells.len();
             let values = Mat::from_fn(cells, lists.len(), |cell, k| lists[k][cell][c] as f32);
@@ -113,7 +113,7 @@ impl Sketch {
 
     /// Returns the colour of each point for these values.
     pub(super) fn picture(&self, values: Vec<DVec3>) -> Vec<DVec3> {
-        let mut pictures = self.products(&[values]);
+        let mut pictures = self.unclamped_pictures(&[values]);
         pictures[0].iter_mut().for_each(|colour| *colour = colour.max(DVec3::ZERO));
         pictures.swap_remove(0)
     }

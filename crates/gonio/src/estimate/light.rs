@@ -3,10 +3,11 @@
 use glam::Vec3;
 
 use super::{EstimateError, EstimateSettings, EstimateStage};
+use crate::gloss::lobe_radius;
 use crate::inference::light::{LightProblem, cut_off_at_zero, refine};
 use crate::lighting::{LightGrid, LightPrior};
 use crate::picture::luminance;
-use crate::reflectance::{BivariateTable, THETA_H, theta_h_of};
+use crate::reflectance::BivariateTable;
 use crate::scene::Observations;
 use crate::transfer::{SparseTransfer, TransferSettings};
 
@@ -25,9 +26,6 @@ const MAX_REFINEMENT: usize = 4;
 /// Largest width of a texel of the refined light over the diameter of the lobe. Wider texels do not
 /// reproduce the reflection of the sun or of small lamps.
 const RESOLVED: f64 = 0.35;
-
-/// Half angle (radians) at which the lobe ends.
-const BODY: f64 = 30.0 * std::f64::consts::PI / 180.0;
 
 /// Method that ensured a non-negative light.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -178,32 +176,6 @@ fn side_for(table: &BivariateTable) -> usize {
     (sides.ceil().clamp(1.0, 1024.0) as usize).next_power_of_two()
 }
 
-/// Returns the half angle (radians) that contains half of the energy of the lobe; `None` without a
-/// lobe.
-///
-/// The lobe is the sum of the table over the difference angles below 45 degrees, above that at
-/// [`BODY`].
-fn lobe_radius(table: &BivariateTable) -> Option<f64> {
-    let sum = |i: usize| (0..45).map(|j| f64::from(table.cell(i, j))).sum::<f64>();
-    let count = (0..THETA_H).find(|&i| theta_h_of(i) >= BODY)?;
-    let body = sum(count);
-    let lobe: Vec<f64> = (0..=count).map(|i| (sum(i) - body).max(0.0)).collect();
-    let energy = |i: usize| {
-        let (from, to) = (theta_h_of(i), theta_h_of(i + 1));
-        0.5 * (lobe[i] + lobe[i + 1]) * (0.5 * (from + to)).sin() * (to - from)
-    };
-    let all: f64 = (0..count).map(energy).sum();
-    let mut left = 0.5 * all;
-    for i in 0..count {
-        let here = energy(i);
-        if here > 0.0 && here >= left {
-            return Some(theta_h_of(i) + left / here * (theta_h_of(i + 1) - theta_h_of(i)));
-        }
-        left -= here;
-    }
-    None
-}
-
 #[cfg(test)]
 mod tests {
     use glam::DVec3;
@@ -215,14 +187,8 @@ mod tests {
 
     #[test]
     fn the_side_follows_the_energy_of_the_lobe() {
-        assert_eq!(lobe_radius(&BivariateTable::from_fn(|_, _| 0.3)), None);
-        assert_eq!(lobe_radius(&BivariateTable::from_fn(|h, _| 0.3 + h)), None);
-        // A Gaussian lobe of width w has half of its energy within w sqrt(ln 2).
         for (width, side) in [(0.2, 32), (0.05, 128), (0.02, 512), (1e-5, 1024)] {
-            let narrow = lobe(0.1, 5.0, width);
-            let radius = lobe_radius(&narrow).unwrap() / 2.0_f64.ln().sqrt();
-            assert!(width < 0.01 || (radius / width - 1.0).abs() < 0.05, "{width} {radius}");
-            assert_eq!(side_for(&narrow), side, "{width}");
+            assert_eq!(side_for(&lobe(0.1, 5.0, width)), side, "{width}");
         }
     }
 

@@ -6,6 +6,7 @@ use gonio::reflectance::BivariateTable;
 use gonio::simulation::ScenePool;
 use rayon::prelude::*;
 
+use crate::importance::log_importance;
 use crate::{Checkpoint, InitialPosterior, Monitor, Photographs, TrainError, Trained, TrainingSettings, train};
 
 /// Number of photographs that determine the ranges of features, at most as many as in the training.
@@ -80,20 +81,19 @@ fn posterior(pool: &ScenePool, trained: &Trained, settings: &TrainingSettings) -
     };
     let candidates = |materials: Vec<Vec<f64>>| {
         let materials: Vec<Vec<f32>> = materials.iter().map(|p| p.iter().map(|z| *z as f32).collect()).collect();
-        Candidates {
-            embeddings: materials.par_iter().map(|coordinates| trained.embed(coordinates)).collect(),
-            coordinates: materials,
-        }
+        let embeddings = materials.par_iter().map(|coordinates| trained.embed(coordinates)).collect();
+        Candidates::of_prior(materials, embeddings)
     };
-    let drawn = (FIRST..FIRST + settings.candidates as u64)
+    let drawn: Vec<Vec<f64>> = (FIRST..FIRST + settings.candidates as u64)
         .into_par_iter()
         .map(|number| pool.draw_coordinates(number))
         .collect();
+    let log_importance = dictionary.latent_space.tables(&drawn).par_iter().map(log_importance).collect();
     let tables: Vec<BivariateTable> = dictionary.entries.par_iter().map(|entry| dictionary.table(entry)).collect();
     LearntPosterior {
         names: dictionary.measured.names.clone(),
         measured: candidates(dictionary.coordinates[..dictionary.measured.len()].to_vec()),
-        prior: candidates(drawn),
+        prior: Candidates { log_importance, ..candidates(drawn) },
         latent_space: dictionary.latent_space.clone(),
         widths: interval_widths(&tables),
         ranges: (0..features[0].len()).map(range).collect(),

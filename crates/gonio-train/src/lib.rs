@@ -9,6 +9,7 @@
 
 mod checkpoint;
 mod dense;
+mod importance;
 mod initial;
 mod learn;
 mod loss;

@@ -290,7 +290,10 @@ pub fn check_posterior(posterior: &LearntPosterior) -> Result<(), ModelError> {
     length("the list of material coordinates", measured.coordinates.len(), names.len())?;
     let outputs = encoder.shape().outputs;
     for candidates in [measured, prior] {
-        length("the list of material embeddings", candidates.embeddings.len(), candidates.coordinates.len())?;
+        let count = candidates.coordinates.len();
+        length("the list of material embeddings", candidates.embeddings.len(), count)?;
+        length("the list of importance weights", candidates.log_importance.len(), count)?;
+        finite("the list of importance weights", &candidates.log_importance)?;
         for (coordinates, embedding) in candidates.coordinates.iter().zip(&candidates.embeddings) {
             length("a list of coordinates", coordinates.len(), dimensions)?;
             length("an embedding", embedding.len(), outputs)?;

@@ -171,5 +171,6 @@ fn dust_does_not_make_a_satin_ball_glossy() {
     assert!(run.stderr.contains("small spots") && run.stderr.contains("--one-material"), "{run:?}");
     assert!((0.34..0.5).contains(&roughness("out")), "{}", roughness("out"));
     let kept = bench.run("infer dusty.exr -o kept --grid 8 --one-material").succeeds();
-    assert!(!kept.stderr.contains("small spots") && roughness("kept") < 0.25, "{} {kept:?}", roughness("kept"));
+    assert!(!kept.stderr.contains("small spots"), "{kept:?}");
+    assert!(roughness("kept") < 0.8 * roughness("out"), "{} {}", roughness("kept"), roughness("out"));
 }

@@ -113,7 +113,7 @@ mod tests {
     #[test]
     fn more_photographs_narrow_the_interval() {
         let model = gonio_io::model::embedded().unwrap();
-        let ball = planted::ball(&BivariateTable::from_fn(|h, _| 0.2 + 2.0 * (-(h / 0.2).powi(2)).exp()));
+        let ball = planted::ball(&BivariateTable::from_fn(|h, _| 0.2 + 2.0 * (-(h / 0.15).powi(2)).exp()));
         let picture = &ball.photographs[0].picture;
         let detection =
             Detection::of(picture, None, ObjectShape::Sphere(None), &ObservationSettings::default()).unwrap();

@@ -159,6 +159,10 @@ impl<'a> Container<'a> {
         self.metadata.contains_key(name)
     }
 
+    pub(super) fn has_tensor(&self, name: &str) -> bool {
+        self.tensors.tensor(name).is_ok()
+    }
+
     pub(super) fn f32s(&self, name: &str, shape: &[Option<usize>]) -> Result<(Vec<usize>, Vec<f32>), Error> {
         let (shape, bytes) = self.tensor(name, Dtype::F32, shape)?;
         Ok((shape, little_endian::f32s(bytes)))

@@ -28,6 +28,10 @@ const PRIOR: &str = "prior.";
 const PLACES: &str = "places";
 const EMBEDDINGS: &str = "embeddings";
 
+/// Tensor of the importance weights of materials drawn from the prior. In files without it, all
+/// weights are one.
+const LOG_IMPORTANCE: &str = "prior.log_importance";
+
 /// Returns metadata and tensors, those of the widest type first.
 pub(super) fn parts(learnt: &LearntPosterior) -> (Metadata, Vec<Tensor>) {
     let LearntPosterior { names, measured, prior, latent_space: coordinates, widths, encoder, ranges, colours } =
@@ -46,6 +50,7 @@ pub(super) fn parts(learnt: &LearntPosterior) -> (Metadata, Vec<Tensor>) {
         tensors.push(Tensor::f32(format!("{name}{PLACES}"), &[count, dimensions], &of.coordinates.concat()));
         tensors.push(Tensor::f32(format!("{name}{EMBEDDINGS}"), &[count, outputs], &of.embeddings.concat()));
     }
+    tensors.push(Tensor::f32(LOG_IMPORTANCE, &[prior.log_importance.len()], &prior.log_importance));
     for (name, shape, values) in encoder.tensors() {
         tensors.push(Tensor::f32(format!("{ENCODER}{name}"), &shape, values));
     }
@@ -78,10 +83,13 @@ pub(super) fn of(file: &Container<'_>) -> Result<LearntPosterior, Error> {
     let candidates = |name: &str| -> Result<Candidates, Error> {
         let (_, places) = file.f32s(&format!("{name}{PLACES}"), &[None, Some(coordinates.axes.len())])?;
         let (_, embeddings) = file.f32s(&format!("{name}{EMBEDDINGS}"), &[None, Some(outputs)])?;
-        Ok(Candidates { coordinates: rows(&places, coordinates.axes.len()), embeddings: rows(&embeddings, outputs) })
+        Ok(Candidates::of_prior(rows(&places, coordinates.axes.len()), rows(&embeddings, outputs)))
     };
     let colours = file.says(COLOURS).then(|| file.json(COLOURS)).transpose()?;
-    let (measured, prior) = (candidates(MEASURED)?, candidates(PRIOR)?);
+    let (measured, mut prior) = (candidates(MEASURED)?, candidates(PRIOR)?);
+    if file.has_tensor(LOG_IMPORTANCE) {
+        (_, prior.log_importance) = file.f32s(LOG_IMPORTANCE, &[None])?;
+    }
     let learnt =
         LearntPosterior { names, measured, prior, latent_space: coordinates, widths, encoder, ranges, colours };
     // Checked before anything is computed from it.

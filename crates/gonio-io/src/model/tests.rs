@@ -207,9 +207,9 @@ static KNOWING: LazyLock<Model> = LazyLock::new(|| {
     let settings = DictionarySettings { draws: 4, dimensions: 2, seed: 1, ..Default::default() };
     let dictionary = Dictionary::new(basis, &settings);
     let shape = EncoderShape { widths: vec![1, 2], hidden: vec![3], ..EncoderShape::new(CHANNELS, GLOBALS, 5) };
-    let candidates = |count: usize| Candidates {
-        coordinates: (0..count).map(|at| vec![at as f32, 0.5]).collect(),
-        embeddings: (0..count).map(|at| vec![1.0 / (1.0 + at as f32); 5]).collect(),
+    let candidates = |count: usize| {
+        let coordinates = (0..count).map(|at| vec![at as f32, 0.5]).collect();
+        Candidates::of_prior(coordinates, (0..count).map(|at| vec![1.0 / (1.0 + at as f32); 5]).collect())
     };
     let layers: Vec<_> = shape.convolutions().into_iter().chain(shape.dense_layers()).collect();
     let find = |name: &str| {
@@ -222,7 +222,7 @@ static KNOWING: LazyLock<Model> = LazyLock::new(|| {
     let posterior = LearntPosterior {
         names: dictionary.measured.names.clone(),
         measured: candidates(2),
-        prior: candidates(7),
+        prior: Candidates { log_importance: (0..7).map(|at| -0.1 * at as f32).collect(), ..candidates(7) },
         latent_space: dictionary.latent_space.clone(),
         widths: vec![0.1; CELLS],
         encoder: Encoder::from_tensors(shape, find).unwrap(),
@@ -280,8 +280,10 @@ fn inconsistent_posteriors_are_rejected() {
     spoilt(|p| p.widths[7] = f32::INFINITY, "a table has values that are not finite");
     spoilt(|p| p.measured.coordinates[1][0] = f32::NAN, "a list of coordinates has values that are not finite");
     spoilt(|p| p.prior.embeddings[6][4] = f32::NAN, "an embedding has values that are not finite");
+    spoilt(|p| p.prior.log_importance[6] = f32::NAN, "the list of importance weights has values that are not finite");
+    spoilt(|p| p.prior.log_importance.truncate(3), "the list of importance weights has 3 values instead of 7");
     spoilt(|p| p.names.truncate(1), "the list of material coordinates has 2 values instead of 1");
-    spoilt(|p| p.prior = Candidates { coordinates: vec![], embeddings: vec![] }, "no materials of the prior");
+    spoilt(|p| p.prior = Candidates::of_prior(vec![], vec![]), "no materials of the prior");
     spoilt(|p| p.ranges.truncate(2), "the list of feature ranges has 2 values instead of 3");
     spoilt(|p| p.ranges[1] = (1.0, 0.0), "feature 1 has an invalid range");
     spoilt(|p| p.colours.as_mut().unwrap().errors[1][2][2] = 0.0, "variances that are not positive");

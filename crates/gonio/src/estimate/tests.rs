@@ -20,7 +20,7 @@ use crate::transfer::{QuadratureSettings, predict};
 /// Model that recognises one of the world's materials.
 fn model(material: usize) -> Model {
     let grids: Vec<LightGrid> =
-        (0..12).map(|seed| environment_map(seed).to_grid(OctahedralMap::EqualArea, 16)).collect();
+        (0..12).map(|seed| environment_map(seed).to_grid(OctahedralMap::EqualArea, 32)).collect();
     let light = LightPrior::learn(&grids, grids.len(), &PriorSettings { starts: 2, seed: 1 }).unwrap();
     let reflectance = ReflectanceBasis { functions: Vec::new(), rates: Vec::new(), materials: Vec::new() };
     Model { light, reflectance, learnt: Some(knowing(material)), provenance: String::new() }
@@ -246,10 +246,10 @@ fn known_light_recovers_each_channel() {
 #[test]
 fn rejects_unsupported_grids_and_models_without_a_posterior() {
     let (whole, observations) = (model(0), observations(&photograph(0, Vec3::ONE)));
-    for side in [0, 3, 2, 32] {
+    for side in [0, 3, 2, 64] {
         let wrong = EstimateSettings { side, ..settings() };
         let error = estimate(&whole, &observations, &wrong, &|_| ()).unwrap_err();
-        assert!(matches!(error, EstimateError::Grid { max: 16, .. }), "{error}");
+        assert!(matches!(error, EstimateError::Grid { max: 32, .. }), "{error}");
     }
     let bare = Model { learnt: None, ..whole };
     assert!(matches!(estimate(&bare, &observations, &settings(), &|_| ()), Err(EstimateError::NotLearnt)));
@@ -364,10 +364,17 @@ fn warns_about_a_ball_of_two_materials() {
             painted.rgb[(x, y)] /= 5.0;
         }
     }
-    let found = |observations: &Observations| estimate(&model, observations, &settings(), &|_| ()).unwrap();
+    let with = |observations: &Observations, side: usize| {
+        let settings = EstimateSettings { side, ..settings() };
+        estimate(&model, observations, &settings, &|_| ()).unwrap()
+    };
+    let found = |observations: &Observations| with(observations, 16);
     let misfit = |found: &Estimate| found.diagnostics().into_iter().find(|d| matches!(d, Diagnostic::Misfit { .. }));
     let (one, two) = (found(&observations(&picture)), found(&observed(&painted, true)));
-    assert_eq!(misfit(&one), None, "{}", one.light.misfit);
+    // The expected misfit is that of a light of 32 x 32 texels.
+    let resolved = with(&observations(&picture), 32);
+    assert_eq!(misfit(&resolved), None, "{}", resolved.light.misfit);
+    assert!(two.light.misfit > 2.0 * one.light.misfit, "{} {}", two.light.misfit, one.light.misfit);
     // Once its brighter squares are converted, the ball has one material: the misfit is that of the
     // same pixels without paint.
     let converted = observations(&painted);

@@ -114,7 +114,7 @@ impl Likelihood {
                 Self::Embedding(sum(&embeddings)),
                 agreement(all.len(), |some| {
                     let some: Vec<&Embedding> = some.iter().map(|&at| embeddings[at]).collect();
-                    Some(log_mean(learnt, &sum(&some).sum))
+                    Some(learnt.prior.log_evidence(&sum(&some).sum))
                 }),
             ),
             (_, Some(gaussians)) => {
@@ -169,14 +169,4 @@ fn sum(embeddings: &[&Embedding]) -> Embedding {
         sum: (0..embeddings[0].sum.len()).map(|i| embeddings.iter().map(|e| e.sum[i]).sum()).collect(),
         count: embeddings.iter().map(|e| e.count).fold(0, usize::saturating_add),
     }
-}
-
-/// Logarithm of the mean likelihood over materials of the prior.
-fn log_mean(learnt: &LearntPosterior, embedding: &[f32]) -> f64 {
-    let product = |material: &Vec<f32>| -> f64 {
-        material.iter().zip(embedding).map(|(m, i)| f64::from(*m) * f64::from(*i)).sum()
-    };
-    let logs: Vec<f64> = learnt.prior.embeddings.iter().map(product).collect();
-    let top = logs.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    top + (logs.iter().map(|l| (l - top).exp()).sum::<f64>() / logs.len() as f64).ln()
 }

@@ -37,7 +37,7 @@ impl EncoderLikelihood {
     /// the posterior is wider than the prior, it moves only the mean. Returns `None` if numbers are
     /// not finite.
     pub(crate) fn of(learnt: &LearntPosterior, embedding: &[f32]) -> Option<Self> {
-        Self::of_weights(&learnt.prior.coordinates, &learnt.prior.weights(embedding))
+        Self::of_weights(&learnt.prior.coordinates, &learnt.prior.likelihoods(embedding))
     }
 
     fn of_weights(materials: &[Vec<f32>], weights: &[f64]) -> Option<Self> {

@@ -1,7 +1,7 @@
 //! Posterior of the material of a photograph.
 
+use super::LearntPosterior;
 use super::spread::{error_scales, quantile, spread_quantile, student_quantile};
-use super::{Candidates, LearntPosterior};
 use crate::colour::ChromaField;
 use crate::inference::known_light::Gaussian;
 use crate::inference::likelihood::{Embedding, Likelihood};
@@ -214,7 +214,7 @@ pub(crate) fn sample(
 fn draws(learnt: &LearntPosterior, embedding: &[f32], count: usize, seed: u64) -> Vec<BivariateTable> {
     let candidates = &learnt.prior;
     let coordinates = |at: usize| candidates.coordinates[at].iter().map(|z| f64::from(*z)).collect();
-    let drawn = Candidates::draw(&candidates.weights(embedding), count, seed);
+    let drawn = candidates.draw(&candidates.weights(embedding), count, seed);
     let materials: Vec<Vec<f64>> = drawn.into_iter().map(coordinates).collect();
     parallel::map(&learnt.latent_space.tables(&materials), |table| table.with_normal_albedo(1.0).0)
 }

@@ -56,10 +56,7 @@ fn measured() -> Candidates {
         let square: f64 = coordinates.iter().map(|z| z * z).sum();
         wide(coordinates).into_iter().chain([(-0.5 * square) as f32]).collect()
     };
-    Candidates {
-        coordinates: materials.iter().map(wide).collect(),
-        embeddings: materials.iter().map(embedding).collect(),
-    }
+    Candidates::of_prior(materials.iter().map(wide).collect(), materials.iter().map(embedding).collect())
 }
 
 /// Materials around given coordinates, all of the same weight.
@@ -67,7 +64,8 @@ fn draws_around(coordinates: &[f64], deviation: f32) -> Candidates {
     let mut rng = Pcg64::seed_from_u64(8);
     let mut near = |z: &f64| *z as f32 + deviation * Distribution::<f32>::sample(&StandardNormal, &mut rng);
     let materials: Vec<Vec<f32>> = (0..300).map(|_| coordinates.iter().map(&mut near).collect()).collect();
-    Candidates { embeddings: vec![vec![0.0; coordinates.len() + 1]; materials.len()], coordinates: materials }
+    let embeddings = vec![vec![0.0; coordinates.len() + 1]; materials.len()];
+    Candidates::of_prior(materials, embeddings)
 }
 
 /// Posterior that assigns to every image the materials around given coordinates.

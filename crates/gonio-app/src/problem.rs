@@ -191,6 +191,7 @@ mod tests {
             W::FlatBackground { pixels },
             W::Clipped { clipped: 10, observed },
             W::Faulty { negative: 10, not_finite: 0, observed },
+            W::EmptyChannel { channel: 2, empty: 90, used: 100 },
             W::Outliers { outliers: 10, observed },
             W::PossibleOutliers { pixels: 10, observed },
             W::Pattern { pixels, converted: 10, observed, ratio: 2.0 },

@@ -288,6 +288,7 @@ impl InputNames {
             | SceneWarning::Outline(_)
             | SceneWarning::Clipped { .. }
             | SceneWarning::Faulty { .. }
+            | SceneWarning::EmptyChannel { .. }
             | SceneWarning::Outliers { .. }
             | SceneWarning::Spots { .. }
             | SceneWarning::PossibleOutliers { .. }

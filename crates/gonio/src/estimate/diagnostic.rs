@@ -111,7 +111,7 @@ impl fmt::Display for Diagnostic {
                          self-shadowing, and a misaligned outline or normal map",
                     MisfitCause::Geometry =>
                         "a misaligned outline or normal map, a wrong camera or pose, several materials, dust or print, \
-                         self-shadowing, nearby lights, and a tone-mapped photograph",
+                         self-shadowing, nearby lights, and a blurred, sharpened or tone-mapped photograph",
                 }
             ),
             Self::Channel { channel, misfit } => write!(

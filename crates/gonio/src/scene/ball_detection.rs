@@ -69,7 +69,7 @@ pub(super) fn detect_ball(picture: &Picture, mask: Option<&Plane<f32>>) -> Resul
             Ok(BallDetection { circle: ball.circle, coverage: Some(coverage), reliability: None })
         }
         // A texture of few values, such as stripes, is not a background.
-        (Err(SceneError::Unsure { candidates }), Some((_, Err(_)))) => Err(SceneError::Unsure { candidates }),
+        (Err(unsure @ SceneError::Unsure { .. }), Some((_, Err(_)))) => Err(unsure),
         (Err(_), Some((_, Err(error)))) => Err(error),
         (Err(error), None) => Err(error),
     }
@@ -99,7 +99,7 @@ fn detect_by_edges(rgb: &Plane<Vec3>) -> Result<(Circle, OutlineReliability), Sc
         return match vote.winner(false) {
             Some(winner) => Ok(winner),
             None if vote.candidates.is_empty() => Err(SceneError::NoOutline),
-            None => Err(SceneError::Unsure { candidates: vote.candidates }),
+            None => Err(vote.unsure()),
         };
     };
     single(&coverage, |part| on_edges(rgb, &small, &edges, part))?;
@@ -112,7 +112,7 @@ fn detect_by_edges(rgb: &Plane<Vec3>) -> Result<(Circle, OutlineReliability), Sc
     }
     match vote.winner(false) {
         Some(winner) if winner.1.support >= DISTINCT => Ok(winner),
-        _ => Err(find_sphere(&coverage).err().unwrap_or(SceneError::Unsure { candidates: vote.candidates })),
+        _ => Err(find_sphere(&coverage).err().unwrap_or_else(|| vote.unsure())),
     }
 }
 

@@ -4,6 +4,7 @@
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
+use super::SceneError;
 use super::circle_fit::Circle;
 use super::edges::{Edges, Ring, distinct, sort};
 use super::rim::{polished, standard_error, straying};
@@ -35,6 +36,31 @@ pub struct CircleCandidate {
     pub circle: Circle,
     /// Share of its circumference that has an edge along it, 0..=1.
     pub support: f64,
+}
+
+/// Reason why a circle is not a reliable outline.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum CircleDoubt {
+    /// Too little of the outline has an edge along it.
+    Support,
+    /// The strongest edges deviate from the circle.
+    NotRound,
+    /// Another circle is nearly as distinct.
+    Rival,
+}
+
+impl CircleDoubt {
+    /// Returns the end of the message.
+    pub(super) fn reason(self) -> &'static str {
+        match self {
+            Self::Support => "",
+            Self::NotRound => {
+                ", but the strongest edges deviate from it; possible causes are an object that is not round, pixels that \
+                 are not square, and sharpening"
+            }
+            Self::Rival => ", but another circle is nearly as distinct",
+        }
+    }
 }
 
 /// Reliability of a ball that was detected by its edges.
@@ -85,6 +111,17 @@ impl CircleDetection {
         let CircleCandidate { circle, support } = *self.candidates.first()?;
         let is_sure = self.round && support >= SURE && (alone || self.rival <= MAX_RIVAL);
         is_sure.then_some((circle, OutlineReliability { support, runner_up: self.rival, standard_error: self.error }))
+    }
+
+    /// Returns the error for a first candidate that is unreliable.
+    pub(super) fn unsure(self) -> SceneError {
+        let supported = self.candidates.first().is_some_and(|first| first.support >= SURE);
+        let doubt = match (supported, self.round) {
+            (false, _) => CircleDoubt::Support,
+            (true, false) => CircleDoubt::NotRound,
+            (true, true) => CircleDoubt::Rival,
+        };
+        SceneError::Unsure { doubt, candidates: self.candidates }
     }
 
     /// Detects the distinct circles of a photograph, including those near a `hint`.

@@ -200,6 +200,10 @@ impl Detection {
         if negative + not_finite > 0 {
             detection.scene_warnings.push(SceneWarning::Faulty { negative, not_finite, observed });
         }
+        let statuses = detection.observations.statuses.iter();
+        let empty: Vec<_> =
+            statuses.flat_map(|statuses| SceneWarning::of_empty_channels(&picture.rgb, statuses)).collect();
+        detection.scene_warnings.extend(empty);
         let outliers = detection.observations.report.outliers;
         if outliers as f64 > FEW_OUTLIERS * observed as f64 {
             detection.scene_warnings.push(SceneWarning::Outliers { outliers, observed });

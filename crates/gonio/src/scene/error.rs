@@ -3,7 +3,7 @@
 use thiserror::Error;
 
 use super::circle::{MIN_BALL_RADIUS, MIN_SPAN};
-use super::{Circle, CircleCandidate, Contradiction, Extent, ObservationReport};
+use super::{Circle, CircleCandidate, CircleDoubt, Contradiction, Extent, ObservationReport};
 use crate::shape::{CameraError, MeshError};
 use crate::suggestion::Suggestion;
 use crate::transfer::MIN_POINTS;
@@ -197,11 +197,14 @@ pub enum SceneError {
     },
     /// No circle was reliably detected on a non-uniform background.
     #[error(
-        "the ball was not reliably detected: {} has edges along {:.0} % of its outline",
+        "the ball was not reliably detected: {} has edges along {:.0} % of its outline{}",
         best_of(.candidates.len()),
-        100.0 * .candidates.first().map_or(0.0, |first| first.support)
+        100.0 * .candidates.first().map_or(0.0, |first| first.support),
+        .doubt.reason()
     )]
     Unsure {
+        /// Reason why the best candidate is unreliable.
+        doubt: CircleDoubt,
         /// Circles that may be its outline, the most probable first.
         candidates: Vec<CircleCandidate>,
     },
@@ -256,7 +259,7 @@ impl SceneError {
                 let one = (!circles.is_empty()).then_some(Suggestion::OneOf(circles));
                 one.into_iter().chain([Suggestion::Mask]).collect()
             }
-            Self::Unsure { candidates } => {
+            Self::Unsure { candidates, .. } => {
                 vec![Suggestion::OneOf(candidates.iter().map(|candidate| candidate.circle).collect()), Suggestion::Mask]
             }
             Self::NotAnEllipse { .. } => {

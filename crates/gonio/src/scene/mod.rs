@@ -57,7 +57,7 @@ pub(crate) use background::coverage_of;
 pub(crate) use ball_detection::outlined;
 pub use balls::{Extent, outline_of_ball, separate_balls};
 pub(crate) use circle::find_sphere;
-pub use circle_detection::{CircleCandidate, OutlineReliability};
+pub use circle_detection::{CircleCandidate, CircleDoubt, OutlineReliability};
 pub use circle_fit::Circle;
 pub use correction::Correction;
 pub use detection::{DetectedShape, Detection, NormalMap, ObjectShape, PositionMap};

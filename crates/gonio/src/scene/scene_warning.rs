@@ -2,8 +2,14 @@
 
 use std::fmt;
 
-use super::{Circle, Contradiction, ObservationReport};
+use glam::Vec3;
+
+use super::{Circle, Contradiction, ObservationReport, PixelStatus};
+use crate::picture::Plane;
 use crate::suggestion::Suggestion;
+
+/// Share of the used pixels in which an empty channel is zero or negative.
+const EMPTY: f64 = 0.5;
 
 /// Warning about a detected object, displayed as one line.
 #[derive(Clone, Debug, PartialEq)]
@@ -46,6 +52,15 @@ pub enum SceneWarning {
         not_finite: usize,
         /// Number of observed pixels on the object.
         observed: usize,
+    },
+    /// A channel is zero or negative in most of the used pixels.
+    EmptyChannel {
+        /// 0 for red, 1 for green, 2 for blue.
+        channel: usize,
+        /// Number of these pixels.
+        empty: usize,
+        /// Number of used pixels.
+        used: usize,
     },
     /// There are more outliers than a sensor has faulty pixels.
     Outliers {
@@ -94,6 +109,18 @@ impl SceneWarning {
             Some(ratio) => Some(Self::Pattern { pixels, converted: report.converted_pixels, observed, ratio }),
             None => (pixels > 0).then_some(Self::OtherColour { pixels, observed }),
         }
+    }
+
+    /// Returns the warnings about channels that are zero or negative in most of the used pixels.
+    pub(super) fn of_empty_channels(rgb: &Plane<Vec3>, statuses: &Plane<PixelStatus>) -> Vec<Self> {
+        let pixels = rgb.as_slice().iter().zip(statuses.as_slice());
+        let used: Vec<&Vec3> = pixels.filter(|(_, status)| status.is_used()).map(|(colour, _)| colour).collect();
+        let empty = |channel: usize| {
+            let empty = used.iter().filter(|colour| colour[channel] <= 0.0 && colour.max_element() > 0.0).count();
+            let warning = Self::EmptyChannel { channel, empty, used: used.len() };
+            (empty as f64 > EMPTY * used.len() as f64).then_some(warning)
+        };
+        (0..3).filter_map(empty).collect()
     }
 
     /// Lists suggestions.
@@ -153,6 +180,12 @@ impl fmt::Display for SceneWarning {
                 };
                 write!(f, "{what}; gonio ignores them")
             }
+            Self::EmptyChannel { channel, empty, used } => write!(
+                f,
+                "the {} channel is zero or negative in {empty} of {used} pixels; the colours of the BRDF are wrong; \
+                 check the black level and the colour space of the photograph",
+                ["red", "green", "blue"][*channel]
+            ),
             Self::Outliers { outliers, observed } => write!(
                 f,
                 "gonio ignores {outliers} of {observed} pixels on the object, which differ strongly from their neighbours; \
@@ -186,5 +219,24 @@ impl fmt::Display for SceneWarning {
                 )
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn warns_of_channels_that_are_empty_in_most_used_pixels() {
+        let statuses = Plane::from_fn(4, 4, |_, y| if y == 3 { PixelStatus::Outside } else { PixelStatus::Used });
+        // 12 pixels are used; blue is negative in `count` of them.
+        let picture = |count: usize| {
+            Plane::from_fn(4, 4, |x, y| Vec3::new(0.2, 0.1, if 4 * y + x < count { -0.01 } else { 0.05 }))
+        };
+        assert_eq!(SceneWarning::of_empty_channels(&picture(6), &statuses), []);
+        let expected = SceneWarning::EmptyChannel { channel: 2, empty: 12, used: 12 };
+        assert_eq!(SceneWarning::of_empty_channels(&picture(16), &statuses), [expected]);
+        // Black pixels have no light in any channel.
+        assert_eq!(SceneWarning::of_empty_channels(&Plane::from_fn(4, 4, |_, _| Vec3::ZERO), &statuses), []);
     }
 }

@@ -227,7 +227,9 @@ fn rejects_two_balls_on_a_texture() {
     let circles = [Circle { x: 120.0, y: 170.0, radius: 80.0 }, Circle { x: 350.0, y: 190.0, radius: 84.0 }];
     circles.iter().for_each(|circle| put(&mut rgb, &set.balls[1], circle, 1.0));
     let refused = detect_ball(&Picture { rgb, alpha: None }, None).err().unwrap();
-    let SceneError::Unsure { candidates } = &refused else { panic!("{refused}") };
+    let SceneError::Unsure { doubt, candidates } = &refused else { panic!("{refused}") };
+    assert_eq!(*doubt, crate::scene::CircleDoubt::Rival);
+    assert!(refused.to_string().ends_with("another circle is nearly as distinct"), "{refused}");
     assert!(candidates.len() <= 5);
     for circle in circles {
         assert!(candidates[..2].iter().any(|c| is_near(&c.circle, &circle, 0.01)), "{candidates:?}");

@@ -158,7 +158,7 @@ pub(crate) fn run(options: &ExportOptions) -> Result<Outcome> {
     let output = output.display().to_string();
     let albedo = match summary.albedo_source.as_str() {
         "fit" => format!(
-            "albedo at normal incidence {:.2}: the photograph does not determine it; gonio chose the albedo with the smallest error of the fitted models (change it with --albedo)\n",
+            "albedo at normal incidence {:.2}: the photograph does not determine it; gonio chose the largest albedo at which the models fit nearly best (change it with --albedo)\n",
             summary.albedo
         ),
         _ => String::new(),

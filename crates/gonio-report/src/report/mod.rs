@@ -296,7 +296,7 @@ impl Report<'_> {
             }))
             (figure::figure(&figure::tiles(&draws), &html! {
                 "Five materials drawn from the posterior, in the same light, in order of their position between the two \
-                 ends. All of them agree with the photograph."
+                 ends. They are equally likely."
             }))
             (figure::grid(22, &[
                 figure::figure(&svg(&[&width(material)], false, "Map of the width of the 90 % interval over half and difference angle"),

@@ -58,8 +58,8 @@ pub(super) fn section(name: &str, fits: &Fits) -> Markup {
             tabulated BRDF has no such error: "
             code { "gonio export" } " writes the table for Mitsuba and pbrt." }
         @if let Some(albedo) = albedo {
-            p { "The photograph does not determine the albedo. The models fit best at an albedo of " (format!("{albedo:.2}"))
-                "; " code { "gonio export --albedo" } " sets another." }
+            p { "The photograph does not determine the albedo. An albedo of " (format!("{albedo:.2}"))
+                " is the largest at which the models fit nearly best; " code { "gonio export --albedo" } " sets another." }
         }
         (block("mitsuba", "Mitsuba 3, principled", principled.relight, width, &mitsuba_principled(name, &principled.model, Place::Scene, &fit_note(principled.relight))))
         (block("blender", "Blender 4, Principled BSDF (script)", blender.relight, "alpha = Roughness²", &blender_script(name, &blender.model, &fit_note(blender.relight))))
